@@ -2,7 +2,9 @@
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
+DEMO := $(VENV)/installed-demo
 STAMP := $(VENV)/installed
+SOURCES := pyproject.toml setup.py $(wildcard scarfmt/native/*.c scarfmt/native/*.h)
 WORKERS ?= 2
 
 # Idle OpenMP threads that spin take the processor from those that work (10 to 100 times slower on busy machines).
@@ -11,25 +13,37 @@ export OPENBLAS_NUM_THREADS := 1
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test test-slow fuzz fuzz-guided sanitize lint types check wheel bench bench-full pictures
-.PHONY: dist dist-test portability ksy web docs clean
+.PHONY: help demo test frozen weigh test-slow fuzz fuzz-guided sanitize lint types check wheel bench bench-full pictures
+.PHONY: dist dist-test first-hour portability web clean
 
 help:
 	@sed -n 's/^\([a-z-]*\):.*## /  make \1\t/p' $(MAKEFILE_LIST) | expand -t 22
 
+# What a user installs to encode and to compare: no torch, no tools of developers.
+$(DEMO): $(SOURCES)
+	test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
+	$(BIN)/python -m pip install --quiet --editable '.[encode,render]'
+	touch $(DEMO)
+
 # torch alone and first: whatever else is installed afterwards then finds the pinned build in place.
-$(STAMP): pyproject.toml setup.py conformance/suite/pyproject.toml $(wildcard scarfmt/kernel/*.c scarfmt/kernel/*.h)
+$(STAMP): $(SOURCES) conformance/suite/pyproject.toml
 	test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
 	$(BIN)/python -m pip install --quiet 'torch==2.13.0'
-	$(BIN)/python -m pip install --quiet --editable '.[train,render,http,import,cluster,docs,dev]'
+	$(BIN)/python -m pip install --quiet --editable '.[train,render,http,import,cluster,dev]'
 	$(BIN)/python -m pip install --quiet --no-deps --editable conformance/suite
-	touch $(STAMP)
+	touch $(DEMO) $(STAMP)
 
-demo: $(STAMP) ## encode, inspect, truncate and decode a real scene; pictures in demo-out/
+demo: $(DEMO) ## encode, inspect, truncate and decode a real scene; pictures in demo-out/
 	PATH="$(CURDIR)/$(BIN):$$PATH" sh examples/demo.sh
 
 test: $(STAMP) ## all tests but the slow ones
 	$(BIN)/python -m pytest -n $(WORKERS) --dist loadfile --quiet
+
+frozen: $(STAMP) ## compare what the code makes with build/frozen.json; RECORD=1 records it first
+	$(BIN)/python -m tests.frozen build/frozen.json $(if $(RECORD),--record)
+
+weigh: $(STAMP) ## lines, files, classes, circles, words, cases: how much there is
+	$(BIN)/python -m tests.weigh --walk
 
 test-slow: $(STAMP) ## the tests that take minutes
 	$(BIN)/python -m pytest -m slow
@@ -63,35 +77,34 @@ dist: $(STAMP) ## what a release consists of, from the last commit, into dist/ (
 dist-test: $(STAMP) ## dist twice, compared, and each part installed and used in an empty environment; network, half an hour
 	$(BIN)/python -m pytest -m release tests/release
 
-bench: $(STAMP) ## every benchmark, short, on the example scene: prints, writes to build/bench/ alone
+first-hour: $(STAMP) ## every printed command of README and the guides, in an empty environment; network
+	$(BIN)/python -m release.first_hour
+
+bench: $(STAMP) ## the five benchmark programs, short, on the example scene: prints, writes to build/bench/ alone
 	$(BIN)/python -m benchmarks.all --short
 
-bench-full: $(STAMP) ## every benchmark on every scene found, two hours or more; rewrites docs/
+bench-full: $(STAMP) ## the five benchmark programs on every scene found, hours; rewrites README.md and docs/
 	$(BIN)/python -m benchmarks.all --full
 
-pictures: $(STAMP) ## redraw docs/images/
+pictures: $(STAMP) ## redraw the sheet of layers in docs/images/
 	$(BIN)/python -m benchmarks.pictures
 
 portability: $(STAMP) ## the vectors on emulated s390x and arm64, half an hour; needs qemu-user and cross compilers
 	$(BIN)/python -m conformance.portability
 
-ksy: ## compile conformance/kaitai/scar.ksy again (needs node and npm)
-	npm install --silent --no-save --prefix build/ksy kaitai-struct-compiler@0.11.0 js-yaml@4
-	cp conformance/kaitai/compile_ksy.mjs build/ksy/
-	node build/ksy/compile_ksy.mjs conformance/kaitai/scar.ksy conformance/kaitai/kaitai_scar.py
-
 web/node_modules/.package-lock.json: web/package-lock.json
 	npm ci --prefix web --ignore-scripts --no-audit --no-fund
 	touch $@
 
-web: web/node_modules/.package-lock.json ## the browser package and the page of `scarfmt view` (needs node 20 and npm)
-	npm run --prefix web types
-	npm run --prefix web build
+# Zig compiles the decoder to WebAssembly; nothing else of Python is needed.
+$(VENV)/zig-installed: web/requirements.txt
+	test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
+	$(BIN)/python -c 'import ziglang' 2>/dev/null || $(BIN)/python -m pip install --quiet --requirement web/requirements.txt
+	touch $@
 
-docs: $(STAMP) web/node_modules/.package-lock.json ## the site of all documentation, build/docs/html (needs node 20 and npm)
-	web/node_modules/.bin/tsc -p web/tsconfig.types.json --outDir build/docs/types
-	$(BIN)/python -m sphinx --quiet --fresh-env --fail-on-warning --keep-going -c docs/site -d build/docs/doctrees . build/docs/html
-	$(BIN)/python -m docs.site.outside build/docs/html
+web: web/node_modules/.package-lock.json $(VENV)/zig-installed ## the browser package and the page of `scarfmt view` (needs node 20 and npm)
+	npm run --prefix web types
+	PYTHON="$(CURDIR)/$(BIN)/python" npm run --prefix web build
 
 clean: ## remove what make made, .venv included
 	rm -rf $(VENV) demo-out build scarfmt/viewer/page web/dist web/node_modules *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis

@@ -13,7 +13,7 @@ from setuptools.errors import CompileError
 LIBRARY = "native.pyd" if sys.platform == "win32" else "native.so"
 """No Python version in the name: libraries are called through ctypes and need no Python ABI."""
 LIBRARIES = {
-    "scarfmt.kernel.native": "without it all results are the same, and slower",
+    "scarfmt.native.native": "without it all results are the same, and slower",
     "reference_encoder.training.raster.native": "without it nothing can be trained on a CPU",
 }
 """The loss if a library could not be built."""

@@ -19,7 +19,7 @@ STRANGERS = ("/tests/", "/testing/", "/benchmarks/", "/fuzz/", ".c", ".h", ".pyc
 """Parts of names that have no business in a wheel."""
 GLIBC = (2, 29)
 """Version of glibc in manylinux_2_29, the tag in the name of the wheel."""
-LIBRARIES = {"scarfmt/kernel/native.so", "reference_encoder/training/raster/native.so"}
+LIBRARIES = {"scarfmt/native/native.so", "reference_encoder/training/raster/native.so"}
 
 
 def check(path: Path) -> list[str]:
@@ -33,7 +33,8 @@ def check(path: Path) -> list[str]:
             wrong.append(f"top-level packages {sorted(found)}, not {sorted(PACKAGES[distribution])}")
         wrong += [f"{name} does not belong there" for name in names if _strange(name)]
         wrong += [f"no py.typed in {name}" for name in found if f"{name}/py.typed" not in names]
-        if distribution == "scarfmt" and "scarfmt/viewer/page/index.html" not in names:
+        page = {f"scarfmt/viewer/page/{name}" for name in ("index.html", "scar.wasm")}
+        if distribution == "scarfmt" and not page <= set(names):
             wrong.append("the viewer page is missing: make web")
         libraries = [name for name in names if name.endswith(".so")]
         if distribution == "scarfmt" and set(libraries) != LIBRARIES:

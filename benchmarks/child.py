@@ -24,17 +24,20 @@ from benchmarks.scenes import REPOSITORY
 DECODE_RUNS, DECODE_SECONDS = 3, 2.0
 """Decodes in one process: at most so many, none begun after so many seconds."""
 ENVIRONMENT = {"OMP_WAIT_POLICY": "passive", "OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"}
-"""Environment of children that decode, unless the caller says otherwise: only the decoder starts threads."""
+"""Environment of timed children unless a job says otherwise: only the decoder starts threads."""
 
 Job = dict[str, Any]
 
 
 def run(environment: Mapping[str, str] | None = None, **job: Any) -> dict[str, Any]:
-    """Do `job` in a new process: what it reports, with ``peak_bytes`` of that process.
+    """Do `job` in a new process.
 
     Args:
         environment: variables to set or change.
         job: see `JOBS`.
+
+    Returns:
+        What the job reports, with ``peak_bytes`` of that process.
 
     Raises:
         subprocess.CalledProcessError: it failed; its messages went to stderr.
@@ -42,29 +45,30 @@ def run(environment: Mapping[str, str] | None = None, **job: Any) -> dict[str, A
     command = [sys.executable, "-m", "benchmarks.child", json.dumps(job)]
     variables = {**os.environ, **(environment or {})}
     done = subprocess.run(command, cwd=REPOSITORY, env=variables, stdout=subprocess.PIPE, check=True)
-    # The last line: a library may have had something to say.
+    # The last line only: a library may have printed something before.
     return dict(json.loads(done.stdout.splitlines()[-1]))
 
 
-def in_turns(jobs: Mapping[str, Job], rounds: int) -> dict[str, dict[str, Any]]:
+def run_in_turns(jobs: Mapping[str, Job], rounds: int) -> dict[str, dict[str, Any]]:
     """Time jobs against each other: each gets a process in every round, in the order given.
 
     Args:
-        jobs: by name, what `run` takes; they report ``walls`` and ``cpus`` (`timed`).
+        jobs: by name, what `run` takes; they report ``walls`` and ``cpus`` (:func:`time_calls`).
         rounds: processes of each.
 
     Returns:
-        By name, over all rounds: ``min`` and ``median`` of the wall seconds, ``cpu`` the least seconds of processor
-        time, ``peak_bytes`` the least peak, ``runs``, and what else the last process reported.
+        By name, over all rounds: ``min`` and ``median`` wall seconds, ``cpu`` the least processor seconds,
+        ``peak_bytes`` the least peak, ``runs``, and what else the last process reported.
     """
-    found: dict[str, list[dict[str, Any]]] = {name: [] for name in jobs}
+    reports: dict[str, list[dict[str, Any]]] = {name: [] for name in jobs}
     for _ in range(rounds):
         for name, job in jobs.items():
-            found[name].append(run(**{**job, "environment": {**ENVIRONMENT, **job.get("environment", {})}}))
-    return {name: _together(reports) for name, reports in found.items()}
+            environment = {**ENVIRONMENT, **job.get("environment", {})}
+            reports[name].append(run(**{**job, "environment": environment}))
+    return {name: _combine(mine) for name, mine in reports.items()}
 
 
-def _together(reports: list[dict[str, Any]]) -> dict[str, Any]:
+def _combine(reports: list[dict[str, Any]]) -> dict[str, Any]:
     walls = [seconds for report in reports for seconds in report["walls"]]
     cpus = [seconds for report in reports for seconds in report["cpus"]]
     rest = {key: value for key, value in reports[-1].items() if key not in ("walls", "cpus", "seconds")}
@@ -73,52 +77,11 @@ def _together(reports: list[dict[str, Any]]) -> dict[str, Any]:
     return {**rest, **times, "peak_bytes": peak}
 
 
-def peak_bytes() -> int:
-    """Most memory this process ever held, bytes.
-
-    Not `ru_maxrss` where Linux tells better: that one survives exec, so a child starts with its parent's peak.
-    """
-    status = Path("/proc/self/status")
-    if status.exists():
-        return int(status.read_text(encoding="utf-8").split("VmHWM:")[1].split()[0]) * 1024
-    import resource
-
-    # Bytes on macOS, the one other system this runs on.
-    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-
-
-def note_path(path: Path) -> Path:
-    """The file with the notes about a kept file."""
-    return path.with_name(path.name + ".json")
-
-
-def _encode(job: Job) -> dict[str, Any]:
-    from benchmarks.scenes import chosen
-    from reference_encoder.encode import encode
-    from scarfmt.formats import load
-    from scarfmt.formats.clean import clean
-
-    scene = chosen([job["scene"]])[0]
-    source, _ = clean(load(scene.path), drop_invalid=True)
-    options = scene.options(**job["options"])
-    start = time.perf_counter()
-    data = encode(source, options)
-    report = {"seconds": time.perf_counter() - start, "bytes": len(data)}
-    note = {**report, "peak_bytes": peak_bytes()}
-    path = Path(job["out"])
-    # The file last: where it is, it is whole and its note is there.
-    note_path(path).write_text(json.dumps(note), encoding="utf-8")
-    part = path.with_name(path.name + ".part")
-    part.write_bytes(data)
-    part.replace(path)
-    return report
-
-
-def timed(act: Callable[[], object], runs: int = DECODE_RUNS, seconds: float = DECODE_SECONDS) -> dict[str, Any]:
-    """Times of `act`, done at most `runs` times and not begun again after `seconds`; what it gives is dropped.
+def time_calls(act: Callable[[], object], runs: int = DECODE_RUNS, seconds: float = DECODE_SECONDS) -> dict[str, Any]:
+    """Call `act` at most `runs` times, beginning no call after `seconds`.
 
     Returns:
-        ``walls`` and ``cpus``, each run's seconds by the wall and of processor time; ``seconds``, the least wall.
+        ``walls`` and ``cpus``, each call's wall and processor seconds; ``seconds``, the least wall.
     """
     walls: list[float] = []
     cpus: list[float] = []
@@ -130,34 +93,73 @@ def timed(act: Callable[[], object], runs: int = DECODE_RUNS, seconds: float = D
     return {"walls": walls, "cpus": cpus, "seconds": min(walls)}
 
 
-def _decode(job: Job) -> dict[str, Any]:
-    from reference_decoder.decode import decode
+def peak_bytes() -> int:
+    """Most memory this process ever held, bytes.
+
+    Not `ru_maxrss` where Linux offers better: that one survives exec, so a child starts with its parent's peak.
+    """
+    status = Path("/proc/self/status")
+    if status.exists():
+        return int(status.read_text(encoding="utf-8").split("VmHWM:")[1].split()[0]) * 1024
+    import resource
+
+    # Bytes on macOS, the one other system this runs on.
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+
+
+def note_path(path: Path) -> Path:
+    """The JSON file with the notes about a cached file."""
+    return path.with_name(path.name + ".json")
+
+
+def encode_job(job: Job) -> dict[str, Any]:
+    """Encode the `count` Gaussians of `scene` nearest to its middle (absent or None: all) with `options` to `out`."""
+    from benchmarks.scenes import load_gaussians, select_scenes
+    from scarfmt.api import encode
+
+    scene = select_scenes([job["scene"]])[0]
+    source = load_gaussians(scene.path, job.get("count"))
+    options = scene.options(**job["options"])
+    wall, processor = time.perf_counter(), time.process_time()
+    data = encode(source, options)
+    took = {"seconds": time.perf_counter() - wall, "cpu": time.process_time() - processor}
+    report = {**took, "bytes": len(data), "source_count": len(source), "peak_bytes": peak_bytes()}
+    path = Path(job["out"])
+    # The file last: where it is, it is complete and its note is there.
+    note_path(path).write_text(json.dumps(report), encoding="utf-8")
+    part = path.with_name(path.name + ".part")
+    part.write_bytes(data)
+    part.replace(path)
+    return report
+
+
+def decode_job(job: Job) -> dict[str, Any]:
+    """Decode the first `layers` layers (absent: all) of `file` into arrays with `threads` threads, some times."""
+    from scarfmt.api import decode_scene
 
     count = 0
 
     def once() -> None:
         nonlocal count
-        backend = job.get("backend", "auto")
-        count = len(decode(job["file"], threads=job["threads"], layers=job.get("layers"), backend=backend).scene)
+        count = len(decode_scene(job["file"], threads=job.get("threads", 1), layers=job.get("layers")))
 
-    if job.get("backend", "auto") in ("torch", "cuda"):
-        import torch
-
-        # Threads are over tiles, the decoder's own.
-        torch.set_num_threads(1)
-        once()
-    return {**timed(once, job.get("runs", DECODE_RUNS)), "count": count}
+    return {**time_calls(once, job.get("runs", DECODE_RUNS)), "count": count}
 
 
-def _export(job: Job) -> dict[str, Any]:
-    from reference_decoder.stream_ply import export_ply
+def export_job(job: Job) -> dict[str, Any]:
+    """Decode `file` tile by tile and drop the arrays: what a region or a stream to disk costs."""
+    from scarfmt.api import open as open_file
 
-    start = time.perf_counter()
-    count = export_ply(job["file"], job["out"], force=True)
-    return {"seconds": time.perf_counter() - start, "count": count}
+    def once() -> None:
+        with open_file(job["file"]) as file:
+            for _ in file.tiles():
+                pass
+
+    return time_calls(once, job.get("runs", 1))
 
 
-def _inspect(job: Job) -> dict[str, Any]:
+def inspect_job(job: Job) -> dict[str, Any]:
+    """Read the front of `file`."""
     from scarfmt.container.source import open_source
     from scarfmt.tools.inspection import inspect
 
@@ -168,14 +170,14 @@ def _inspect(job: Job) -> dict[str, Any]:
 
 
 JOBS: dict[str, Callable[[Job], dict[str, Any]]] = {
-    "encode": _encode,
-    "decode": _decode,
-    "export": _export,
-    "inspect": _inspect,
+    "encode": encode_job,
+    "decode": decode_job,
+    "export": export_job,
+    "inspect": inspect_job,
 }
 
 
-def _named(name: str) -> Callable[[Job], dict[str, Any]]:
+def _find_job(name: str) -> Callable[[Job], dict[str, Any]]:
     if ":" not in name:
         return JOBS[name]
     module, function = name.split(":")
@@ -184,8 +186,9 @@ def _named(name: str) -> Callable[[Job], dict[str, Any]]:
 
 
 def main() -> None:
+    """Do the job given as the only argument."""
     job = json.loads(sys.argv[1])
-    print(json.dumps({**_named(job["job"])(job), "peak_bytes": peak_bytes()}))
+    print(json.dumps({**_find_job(job["job"])(job), "peak_bytes": peak_bytes()}))
 
 
 if __name__ == "__main__":

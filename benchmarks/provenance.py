@@ -1,7 +1,7 @@
 """Provenance of results: when, with which code and on which machine every figure of a JSON was measured.
 
-A file of results holds figures by name and, under `FIELD`, the runs that measured them. `stamped` writes it for every
-benchmark and campaign: names that a run did not measure keep the run they had. Pages show `statement`.
+A file of results holds figures by name and, under `FIELD`, the runs that measured them. `stamp` writes it for every
+program: names that a run did not measure keep the run they had. Pages show `statement`.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
-from scarfmt.engines import absence
+from scarfmt.native.binding import absence
 
 REPOSITORY = Path(__file__).resolve().parents[1]
 FIELD = "provenance"
@@ -29,7 +29,7 @@ Run = dict[str, Any]
 Document = dict[str, Any]
 
 
-def now() -> Run:
+def describe_run() -> Run:
     """The run of this moment.
 
     Returns:
@@ -88,7 +88,7 @@ def figures(document: Document) -> Document:
     return {name: value for name, value in document.items() if name != FIELD}
 
 
-def stamped(
+def stamp(
     results: Document, earlier: Document | None = None, measured: Collection[str] | None = None, depth: int = 1
 ) -> Document:
     """`results` with the runs that measured them.
@@ -99,15 +99,15 @@ def stamped(
         measured: names that this run measured; None for all.
         depth: 1 where a name at the top is measured at once, 2 where it is a section of names, SECTION/NAME.
     """
-    current, before = now(), earlier or {}
+    current, before = describe_run(), earlier or {}
     old = list(_names(figures(before), depth))
     known = {name: run for run in before.get(FIELD, ()) for name in (old if run["of"] == EVERYTHING else run["of"])}
     names = _names(results, depth)
     runs = {name: current if measured is None or name in measured else known.get(name, current) for name in names}
-    return {FIELD: grouped(runs), **results}
+    return {FIELD: group_runs(runs), **results}
 
 
-def grouped(runs: Mapping[str, Run]) -> list[Run]:
+def group_runs(runs: Mapping[str, Run]) -> list[Run]:
     """Different runs, in the order of their dates; each with its names under ``of``, where there are several."""
     found: list[Run] = []
     for name, run in runs.items():
@@ -129,44 +129,31 @@ def _names(results: Document, depth: int) -> list[str]:
 
 
 def statement(document: Document, section: str = "", ending: str = "") -> str:
-    """A sentence for each run that measured figures of `document`.
+    """When and on what the figures of `document` were measured, in a sentence.
+
+    The file of results says which run measured which figure, and at which commit.
 
     Args:
         section: counts only names that begin with it.
         ending: counts only names that end with it.
 
     Raises:
-        ValueError: none of its runs says so.
+        ValueError: no run of these figures is known.
     """
-    lines = []
-    for run in document.get(FIELD, ()):
-        names = [] if run["of"] == EVERYTHING else _chosen(run["of"], section, ending)
-        if names or run["of"] == EVERYTHING:
-            lines.append((", ".join(name.removeprefix(section).replace("/", ", ") for name in names), _sentence(run)))
-    if not lines:
+    runs = [run for run in document.get(FIELD, ()) if run["of"] == EVERYTHING or _covers(run["of"], section, ending)]
+    if not runs:
         raise ValueError(f"no run is known of the figures {section or 'of this file'}")
-    if len(lines) == 1:
-        return lines[0][1]
-    return "\n".join(f"- {names}: {text}" for names, text in lines)
+    dates = sorted({run["date"] for run in runs})
+    when = dates[0] if len(dates) == 1 else f"{dates[0]} to {dates[-1]}"
+    return f"Measured {when} on {' and '.join(dict.fromkeys(_place(run['machine']) for run in runs))}."
 
 
-def _chosen(names: Collection[str], section: str, ending: str) -> list[str]:
-    return [name for name in names if name.startswith(section) and name.endswith(ending)]
-
-
-def _sentence(run: Run) -> str:
-    """When, at which commit and on what."""
-    commit = f"commit `{run['commit']}`" if run["commit"] else "an unknown commit"
-    if run["recorded"] == FROM_HISTORY:
-        when = f"Recorded on {run['date']} with {commit} (read from the history of the file)"
-    else:
-        when = f"Measured on {run['date']} at {commit}{', with changes' if run['modified'] else ''}"
-    return f"{when}, {_place(run['machine'])}."
+def _covers(names: Collection[str], section: str, ending: str) -> bool:
+    return any(name.startswith(section) and name.endswith(ending) for name in names)
 
 
 def _place(found: Mapping[str, Any]) -> str:
-    """The machine in words; what is not known of it is left out."""
-    parts = [f"on {found['cores']} cores of {found['cpu']}" if found.get("cpu") else "on a machine not recorded"]
-    parts += [str(found["os"])] if found.get("os") else []
-    named = [("python", "Python"), *((name, name) for name in _PACKAGES), ("kernel", "kernel")]
-    return ", ".join([*parts, *(f"{word} {found[key]}" for key, word in named if found.get(key))])
+    """The machine in words. System and versions of packages are in the file of results."""
+    parts = [f"{found['cores']} cores of {found['cpu']}" if found.get("cpu") else "a machine not recorded"]
+    parts += [f"kernel {found['kernel']}"] if found.get("kernel") == "off" else []
+    return ", ".join(parts)

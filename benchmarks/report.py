@@ -1,28 +1,26 @@
-"""Results as JSON next to the scripts, and as tables between markers of a page of docs/."""
+"""Results as JSON beside the programs, and as tables between markers of a page."""
 
 from __future__ import annotations
 
 import argparse
 import json
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from benchmarks.provenance import Document, figures, stamped, statement
+from benchmarks.provenance import Document, figures, stamp, statement
 from benchmarks.scenes import REPOSITORY
 
 RESULTS = REPOSITORY / "benchmarks" / "results"
-PAGE = REPOSITORY / "docs" / "benchmarks.md"
+RESULTS_PAGE, COSTS_PAGE = REPOSITORY / "docs" / "results.md", REPOSITORY / "docs" / "costs.md"
 # Encoded files, kept between commands; not part of the repository.
 SCRATCH = REPOSITORY / "build" / "benchmarks"
 # Results of runs that keep nothing.
 SHORT_RESULTS = REPOSITORY / "build" / "bench"
 
 
-_DEPTHS = {"time-error": 2, "ablation": 2, "mechanisms": 2, "trained": 2, "trained-ablations": 2}
+_DEPTHS = {"time": 2, "scale": 2, "trained": 2}
 """Benchmarks whose figures are measured one at a time within a section."""
-SKIPPED = 77
-"""Exit status of a benchmark that has nothing to measure on here; it prints why."""
 
 
 def load_document(name: str, keep: bool = True) -> Document:
@@ -36,7 +34,7 @@ def load_results(name: str) -> dict[str, Any]:
     return figures(load_document(name))
 
 
-def dated(text: str, name: str, keep: bool = True, section: str = "") -> str:
+def add_provenance(text: str, name: str, keep: bool = True, section: str = "") -> str:
     """Tables of benchmark `name`, and below them when, at which commit and on which machine they were measured."""
     return f"{text.rstrip()}\n\n{statement(load_document(name, keep), section)}"
 
@@ -52,7 +50,7 @@ def save_results(
     """
     folder = RESULTS if keep else SHORT_RESULTS
     folder.mkdir(parents=True, exist_ok=True)
-    document = stamped(results, load_document(name, keep), measured, _DEPTHS.get(name, 1))
+    document = stamp(results, load_document(name, keep), measured, _DEPTHS.get(name, 1))
     text = json.dumps(document, indent=1, ensure_ascii=False)
     (folder / f"{name}.json").write_text(text + "\n", encoding="utf-8")
 
@@ -71,7 +69,7 @@ def table(head: Sequence[str], rows: Sequence[Sequence[str]], text_columns: int 
     return "\n".join("| " + " | ".join(cells) + " |" for cells in (head, rule, *rows)) + "\n"
 
 
-def replace_section(name: str, text: str, page: Path = PAGE) -> None:
+def replace_section(name: str, text: str, page: Path) -> None:
     """Put `text` between the markers ``<!-- NAME:begin -->`` and ``<!-- NAME:end -->`` of a page.
 
     Raises:
@@ -83,3 +81,12 @@ def replace_section(name: str, text: str, page: Path = PAGE) -> None:
         raise ValueError(f"{page} needs exactly one {begin} and one {end}")
     before, rest = content.split(begin)
     page.write_text(f"{before}{begin}\n{text.strip()}\n{end}{rest.split(end)[1]}", encoding="utf-8")
+
+
+def publish(sections: Mapping[str, str], page: Path, keep: bool) -> None:
+    """Put texts between the markers that they are named by on a page; without `keep` print them."""
+    for name, text in sections.items():
+        if keep:
+            replace_section(name, text, page)
+        else:
+            print(f"{name}\n\n{text}\n")

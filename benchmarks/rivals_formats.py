@@ -1,25 +1,29 @@
-"""The rival file formats: each at each setting, how it is written and how it is read."""
+"""The rival file formats: each at each setting, how it is written and how it is read.
+
+A file is read by the faster of two readers: this repository's importers, and gsply, which a user of Python would
+install. gsply is not needed: where it is missing only the importers are timed.
+"""
 
 from __future__ import annotations
 
-import json
+import importlib
 import math
 import sys
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
-import zstandard
 
-from benchmarks.rivals_tools import Command, splat_transform
+from benchmarks import child
+from benchmarks.rivals_tools import PYTHON, Command, splat_transform
 from scarfmt.formats import load, spz
-from scarfmt.formats.dequantise import SH_C0
 from scarfmt.formats.source import Source
 from scarfmt.scene.gaussians import AnchorModel, GaussianScene
 
-FAMILIES = ("spz", "sog", "compressed-ply", "splat", "ply-zstd")
-"""The choices of --formats, beside ``scar``."""
+FAMILIES = ("spz", "sog", "compressed-ply")
+"""The choices of --formats."""
 
 # SPZ: the farthest a coordinate can lie, and the largest log scale.
 _SPZ_REACH, _SPZ_LARGEST = 2047.0, 255 / 16 - 10
@@ -31,7 +35,6 @@ _SPZ_DEFAULT_BITS = (5, 4)
 _SPZ_BITS = ((6, 5), (7, 6), (8, 8))
 _SPZ_FITTED_BITS = (_SPZ_DEFAULT_BITS, (6, 5), (7, 6), (7, 7), (8, 8))
 _SPZ_FEW_BITS = ((8, 8),)
-_ZSTD_LEVEL = 19
 
 
 @dataclass(frozen=True)
@@ -52,13 +55,8 @@ class Format:
     command: Callable[[Path, Path], Command]
     scale: float = 1.0
 
-    @property
-    def of_npm(self) -> bool:
-        """Whether @playcanvas/splat-transform writes it."""
-        return self.family in ("spz", "sog", "compressed-ply")
 
-
-def formats(scene: GaussianScene, few: bool = False) -> list[Format]:
+def list_formats(scene: GaussianScene, few: bool = False) -> list[Format]:
     """Everything that is measured on `scene`; with `few`, SPZ at its defaults and its finest only."""
     return [
         *_spz(scene, few),
@@ -69,8 +67,6 @@ def formats(scene: GaussianScene, few: bool = False) -> list[Format]:
             ".compressed.ply",
             lambda source, out: splat_transform(str(source), str(out)),
         ),
-        Format(".splat", "splat", ".splat", _own("splat")),
-        Format(f"PLY + zstd -{_ZSTD_LEVEL}", "ply-zstd", ".ply.zst", _own("ply-zstd")),
     ]
 
 
@@ -115,40 +111,6 @@ def _spz_command(version: int, scale: float, bits: tuple[int, int]) -> Callable[
     return command
 
 
-def _own(kind: str) -> Callable[[Path, Path], Command]:
-    def command(source: Path, out: Path) -> Command:
-        job = {"job": "benchmarks.rivals_formats:write_job", "kind": kind, "source": str(source), "out": str(out)}
-        return Command((sys.executable, "-m", "benchmarks.child", json.dumps(job)), {})
-
-    return command
-
-
-def write_job(job: dict[str, str]) -> dict[str, int]:
-    """Job of `benchmarks.child`: write the formats that need no other program."""
-    source = Path(job["source"])
-    if job["kind"] == "splat":
-        data = splat_rows(_explicit(load(source)))
-    else:
-        data = zstandard.ZstdCompressor(level=_ZSTD_LEVEL).compress(source.read_bytes())
-    Path(job["out"]).write_bytes(data)
-    return {"bytes": len(data)}
-
-
-def splat_rows(scene: GaussianScene) -> bytes:
-    """A `.splat` file: 32 bytes a Gaussian, those that cover most first, as its own converter sorts them."""
-    rows = np.zeros(
-        len(scene), [("position", "<f4", 3), ("scale", "<f4", 3), ("colour", "u1", 4), ("rotation", "u1", 4)]
-    )
-    opacity = 1 / (1 + np.exp(-scene.opacity_logits.astype(np.float64)))
-    colour = 0.5 + SH_C0 * scene.sh[:, 0].astype(np.float64)
-    unit = scene.rotations / np.linalg.norm(scene.rotations, axis=1, keepdims=True)
-    rows["position"], rows["scale"] = scene.positions, np.exp(scene.log_scales)
-    rows["colour"] = np.clip(np.concatenate([colour, opacity[:, None]], axis=1) * 255, 0, 255)
-    rows["rotation"] = np.clip(unit * 128 + 128, 0, 255)
-    importance = np.exp(scene.log_scales.astype(np.float64).sum(axis=1)) * opacity
-    return rows[np.argsort(-importance, kind="stable")].tobytes()
-
-
 def read(path: Path, scale: float = 1.0) -> GaussianScene:
     """A rival's file as the scene it stands for, in the axes of its source.
 
@@ -156,13 +118,8 @@ def read(path: Path, scale: float = 1.0) -> GaussianScene:
         path: the file.
         scale: what the scene was enlarged by before it was written.
     """
-    if path.suffix == ".zst":
-        scene = _explicit(load(zstandard.ZstdDecompressor().decompress(path.read_bytes())))
-    elif path.suffix == ".spz":
-        # This writer leaves the axes as they are.
-        scene = spz.load(Source(path), frame="RUB")
-    else:
-        scene = _explicit(load(path))
+    # The writer of SPZ leaves the axes as they are.
+    scene = spz.load(Source(path), frame="RUB") if path.suffix == ".spz" else _explicit(load(path))
     if scale == 1:
         return scene
     log_scales = (scene.log_scales - np.float32(math.log(scale))).astype(np.float32)
@@ -172,3 +129,38 @@ def read(path: Path, scale: float = 1.0) -> GaussianScene:
 def _explicit(scene: GaussianScene | AnchorModel) -> GaussianScene:
     assert isinstance(scene, GaussianScene)
     return scene
+
+
+# Readers
+
+OURS, GSPLY = "importer of this repository", "gsply"
+_GSPLY_READS = {".spz": "read_spz", ".sog": "sogread", ".ply": "plyread"}
+
+
+def measure_reading(path: Path, scale: float) -> dict[str, Any]:
+    """The faster of the two readers: ``seconds`` (the least of some runs), ``peak_bytes`` and ``reader``."""
+    job = {"job": "benchmarks.rivals_formats:read_job", "file": str(path), "scale": scale}
+    found = [{**child.run(child.ENVIRONMENT, **job, reader=reader), "reader": reader} for reader in list_readers(path)]
+    best = min(found, key=lambda report: float(report["seconds"]))
+    return {key: best[key] for key in ("seconds", "peak_bytes", "reader")}
+
+
+def list_readers(path: Path) -> list[str]:
+    """The readers that exist here for a file."""
+    return [OURS, *([GSPLY] if path.suffix in _GSPLY_READS and (PYTHON / "gsply").exists() else [])]
+
+
+def read_job(job: dict[str, Any]) -> dict[str, Any]:
+    """Job of `benchmarks.child`: time one reader; what it compiles at first use is not counted."""
+    return child.time_calls(make_reader(Path(job["file"]), job["scale"], job["reader"]))
+
+
+def make_reader(path: Path, scale: float, reader: str) -> Callable[[], object]:
+    """A function that reads a file once, by `OURS` or `GSPLY`."""
+    if reader == OURS:
+        return lambda: read(path, scale)
+    sys.path.insert(0, str(PYTHON))
+    gsply: Any = importlib.import_module("gsply")
+    gsply.use_backend("auto")
+    act = getattr(gsply, _GSPLY_READS[path.suffix])
+    return lambda: act(str(path))

@@ -1,4 +1,4 @@
-"""The programs other formats are written with, installed where the repository is not touched, and what running costs.
+"""The programs that write and read rival formats, and what running them costs.
 
 Everything comes from npm and PyPI at fixed versions and lies in `$SCAR_BENCH_CACHE`, or build/rivals/ without it.
 """
@@ -14,7 +14,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from benchmarks.encoded import file_key
+from benchmarks.encode_cache import file_key
 from benchmarks.scenes import REPOSITORY
 
 CACHE = Path(os.environ.get("SCAR_BENCH_CACHE", REPOSITORY / "build" / "rivals")).absolute()
@@ -57,14 +57,6 @@ class Command:
 
     words: tuple[str, ...]
     environment: Mapping[str, str]
-
-
-@dataclass(frozen=True)
-class Cost:
-    """The cost of a whole process from start to end: wall time, and peak memory."""
-
-    seconds: float
-    peak_bytes: int
 
 
 def install() -> str | None:
@@ -120,8 +112,11 @@ def splat_transform(*arguments: str, **environment: str) -> Command:
     return Command(("node", str(_DRIVER), "--quiet", "--overwrite", "--gpu", "cpu", *arguments), here)
 
 
-def measured(command: Command) -> Cost:
+def run_command(command: Command) -> tuple[float, int]:
     """Run `command` and wait for it; its output is dropped.
+
+    Returns:
+        Wall seconds and peak memory, bytes, of the process from start to end.
 
     Raises:
         ToolFailed: it cannot be started, or fails.
@@ -140,4 +135,4 @@ def measured(command: Command) -> Cost:
     if code:
         raise ToolFailed(f"{' '.join(command.words)[:200]} ended with {code}: {done.stderr.strip()[-300:]}")
     # Kibibytes on Linux, bytes on macOS.
-    return Cost(seconds, peak if sys.platform == "darwin" else peak * 1024)
+    return seconds, peak if sys.platform == "darwin" else peak * 1024

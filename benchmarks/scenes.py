@@ -1,4 +1,4 @@
-"""The real scenes that are measured, where they lie, and from where they are looked at."""
+"""The real scenes that are measured: their files and the views they are judged from."""
 
 from __future__ import annotations
 
@@ -9,11 +9,16 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from benchmarks.views import View, judged_views
+import numpy as np
+
+from benchmarks.views import View, make_views
 from reference_encoder.options import EncodeOptions
 from scarfmt.cli.scenes import Subject
+from scarfmt.formats import load
+from scarfmt.formats.clean import clean
 from scarfmt.render.camera import Camera
 from scarfmt.render.capture import load_cameras
+from scarfmt.scene.gaussians import AnchorModel, GaussianScene
 
 REPOSITORY = Path(__file__).resolve().parents[1]
 DATA = Path(os.environ.get("SCAR_DATA", REPOSITORY.parent / "shared" / "data"))
@@ -42,23 +47,22 @@ class Scene:
     captured: Path | None = None
     photos: Path | None = None
     note: str = ""
-    ours: bool = False
     fitted: bool = False
 
     @property
     def title(self) -> str:
-        """The name of the scene, with a mark if constants were fitted on it."""
+        """The name, with a mark if constants were fitted on the scene."""
         return self.name + (FITTED_MARK if self.fitted else "")
 
     def options(self, **more: Any) -> EncodeOptions:
-        """How it is encoded: by default, but for what is said."""
+        """Encoder options: the defaults, the scene's cameras and `more`."""
         known = None if self.known is None else _part(load_cameras(self.known), "train")
         return EncodeOptions(cameras=known, **more)
 
-    def judged_views(self, original: Subject) -> list[View]:
-        """The views all figures are of: never those of the encoder. `original` should remember its pictures."""
+    def views(self, original: Subject) -> list[View]:
+        """The views all figures come from, never the encoder's. `original` should remember its pictures."""
         held_out = [] if self.captured is None else _part(load_cameras(self.captured), "test")
-        return judged_views(original, self.up, held_out)
+        return make_views(original, self.up, held_out)
 
 
 def _part(cameras: list[Camera], split: str) -> list[Camera]:
@@ -70,7 +74,7 @@ _EXAMPLES = REPOSITORY / "examples"
 _SPLATS = DATA / "splats"
 _CAPTURE = DATA / "photos" / "plush-on-bed"
 _POSES = _CAPTURE / "cameras.json"
-_BED = Scene("plush-on-bed", _SPLATS / "plush-on-bed.ply", captured=_POSES, photos=_CAPTURE, ours=True, fitted=True)
+_BED = Scene("plush-on-bed", _SPLATS / "plush-on-bed.ply", captured=_POSES, photos=_CAPTURE, fitted=True)
 
 SCENES = (
     Scene(
@@ -78,11 +82,10 @@ SCENES = (
         _EXAMPLES / "plush-toys.ply",
         captured=_EXAMPLES / "plush-toys.views.json",
         note="the example scene of this repository, SH 3",
-        ours=True,
         fitted=True,
     ),
     replace(_BED, note="raw float, SH 3"),
-    replace(_BED, name="plush-on-bed, poses", known=_POSES, note="the encoder knows the poses of the training photos"),
+    replace(_BED, name="plush-on-bed, poses", known=_POSES, note="the encoder gets the poses of the training photos"),
     Scene("flowers", _SPLATS / "flowers.ply", note="SH 2; its values come from a SOG file, already quantised"),
     Scene("plush-dog", _SPLATS / "plush-dog.ply", note="raw float, SH 3", fitted=True),
     Scene("fruit-drops", _SPLATS / "fruit-drops.ply", note="raw float, SH 3", fitted=True),
@@ -108,15 +111,24 @@ SCENES = (
 )
 
 
-def chosen(names: Sequence[str] | None) -> list[Scene]:
-    """The scenes of those names (None: all) whose files are here; says on stderr which are not.
+def load_gaussians(path: Path, count: int | None = None) -> GaussianScene | AnchorModel:
+    """The valid Gaussians of a scene file; of an explicit scene the `count` nearest to its middle (None: all)."""
+    source, _ = clean(load(path), drop_invalid=True)
+    if count is None or not isinstance(source, GaussianScene):
+        return source
+    far = np.abs(source.positions - np.median(source.positions, axis=0)).max(axis=1)
+    return source.take(np.sort(np.argsort(far, kind="stable")[:count]))
+
+
+def select_scenes(names: Sequence[str] | None) -> list[Scene]:
+    """The scenes of these names (None: all) whose files exist; the others are reported on stderr.
 
     Raises:
         SystemExit: no scene has that name.
     """
     known = {scene.name: scene for scene in SCENES}
     for name in set(names or ()) - set(known):
-        sys.exit(f"no scene is called {name!r}: choose from {', '.join(map(repr, known))}")
+        sys.exit(f"no scene is named {name!r}; choose from {', '.join(map(repr, known))}")
     present = []
     for scene in (known[name] for name in names) if names else SCENES:
         needed = [path for path in (scene.path, scene.known, scene.captured, scene.photos) if path is not None]

@@ -1,47 +1,70 @@
-"""The results of photos in one table: trained files, and a 3DGS model of the same photos in several formats.
+"""Trained files and a 3DGS model of the same photos in several formats, against the held-out photos.
 
     python -m benchmarks.trained plush-on-bed CAPTURE --scar "an hour=plush.scar" --ply plush-on-bed.ply
-    python -m benchmarks.trained truck-half CAPTURE --scar truck.scar --lpips vgg16.pth heads.pth
-    python -m benchmarks.trained plush-on-bed CAPTURE --ply plush-on-bed.ply --formats sog --qualities 41
     python -m benchmarks.trained truck-half CAPTURE --model whole.scar --post-hoc "quality 38=encoded.scar"
-    python -m benchmarks.trained --report                   only rewrite docs/trained.md
+    python -m benchmarks.trained plush-on-bed CAPTURE --scar plush.scar --picture docs/images/out.jpg --photo 8
+    python -m benchmarks.trained --short --no-write         trains some iterations on pictures of the example scene
+    python -m benchmarks.trained --report                   only rewrite the tables from earlier results
 
-Everything is decoded and measured alike, against the photos that were held out (`benchmarks.photos`). The PLY is
-measured as it is, as SOG and SPZ (`benchmarks.rivals_formats`: needs node and npm), and layer by layer as the `.scar`
-that `scarfmt encode` makes of it, which knows the cameras of the photos learnt from. Results are merged into
-benchmarks/results/trained.json by scene and file; those of photos of another size are dropped.
+All files are decoded and measured alike (`benchmarks.photos`). The PLY is measured as it is, as SOG and SPZ (needs node
+and npm), and layer by layer as the `.scar` that `scarfmt encode` makes of it with the cameras of the training photos.
+Results are merged into benchmarks/results/trained.json by scene and file; those of photos of another size are dropped.
 """
 
 from __future__ import annotations
 
 import argparse
+import json
+import math
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import asdict, dataclass
+from itertools import pairwise
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 from benchmarks import provenance
-from benchmarks.encoded import file_key, kept_path
-from benchmarks.photos import Figures, Metrics, add_arguments, figures, measured, metrics
-from benchmarks.report import load_document, save_results
-from benchmarks.rivals_formats import formats, read
-from benchmarks.rivals_run import written
+from benchmarks.encode_cache import cache_path, file_key
+from benchmarks.judge import interpolate_bytes
+from benchmarks.photos import HEAD, Figures, Perceptual, draw_side_by_side, load_flip, measure, measure_layers
+from benchmarks.report import (
+    RESULTS_PAGE,
+    add_provenance,
+    load_document,
+    replace_section,
+    save_results,
+    table,
+)
+from benchmarks.rivals import write_rival
+from benchmarks.rivals_formats import list_formats, read
 from benchmarks.rivals_tools import ToolFailed, install
-from benchmarks.scenes import Scene
-from benchmarks.trained_tables import SCENES, scene_tables, write_scenes
+from benchmarks.scenes import REPOSITORY, Scene, load_gaussians
 from reference_encoder.options import EncodeOptions
 from reference_encoder.training.capture import Capture, load_capture
-from scarfmt.api import encode, inspect
+from reference_encoder.training.options import TrainOptions
+from scarfmt.api import encode, inspect, train
 from scarfmt.atomic import atomic_write
-from scarfmt.formats import load
 from scarfmt.formats.clean import clean
+from scarfmt.render.capture import load_cameras
+from scarfmt.render.images import write_png
+from scarfmt.render.rasterise import render
 from scarfmt.scene.gaussians import GaussianScene
 
-QUALITIES = (41.0, 47.0)
-FORMATS = ("sog", "spz")
+NAME = "trained"
+QUALITIES, FORMATS = (41.0, 47.0), ("sog", "spz")
+KINDS = ("trained", "model", "post-hoc", "rival")
+"""What a file is: trained with its rate, trained without, made by `encode` of a model, another format."""
+SHOWN = ("trained", "model", "rival")
+"""Kinds with rows of their own; post-hoc files stand in the shares."""
+SHORT_ITERATIONS = 60
 
 Record = dict[str, Any]
+Point = tuple[float, float]
+"""PSNR in dB, and bytes."""
+
+
+# Measuring
 
 
 @dataclass(frozen=True)
@@ -50,8 +73,8 @@ class Row:
 
     Attributes:
         name: how it was made.
-        kind: one of `trained_tables.KINDS`.
-        layers: of the file, from the first; 1 for those without.
+        kind: one of `KINDS`.
+        layers: of the file, from the first; 1 for formats without.
         iterations: of its training, None where the file does not say.
         figures: of the file cut there.
     """
@@ -68,106 +91,221 @@ class Row:
         return f"{self.name}, layer {self.layers}"
 
 
-def of_scar(name: str, kind: str, data: bytes, capture: Capture, perceptual: Metrics) -> Iterator[Row]:
+def measure_scar(name: str, kind: str, data: bytes, capture: Capture, flip: Perceptual | None) -> Iterator[Row]:
     """A row of each layer of a `.scar`."""
     training = (inspect(data, metadata=True).get("metadata") or {}).get("training") or {}
-    for layers, found in enumerate(figures(data, capture.test, perceptual), 1):
+    for layers, found in enumerate(measure_layers(data, capture.test, flip), 1):
         yield Row(name, kind, layers, training.get("iterations"), found)
 
 
-def encoded(scene: Scene, capture: Capture, quality: float) -> bytes:
-    """The `.scar` that `scarfmt encode` makes of a model; kept until encoder, model or photos change."""
-    kept = kept_path(scene, f"q{quality:g}-photos-{capture.digest[:12]}")
-    if not kept.exists():
+def encode_model(scene: Scene, capture: Capture, quality: float) -> bytes:
+    """The `.scar` that `scarfmt encode` makes of a model; cached until encoder, model or photos change."""
+    path = cache_path(scene, f"q{quality:g}-photos-{capture.digest[:12]}")
+    if not path.exists():
         options = EncodeOptions(quality=quality, cameras=[photo.camera for photo in capture.train])
-        with atomic_write(kept) as stream:
+        with atomic_write(path) as stream:
             stream.write(encode(scene.path, options))
-    return kept.read_bytes()
+    return path.read_bytes()
 
 
-def of_model(scene: Scene, capture: Capture, said: argparse.Namespace, perceptual: Metrics) -> Iterator[Row]:
-    """Rows of a model that is there as PLY: itself, in other formats, and encoded."""
-    model, _ = clean(load(scene.path), drop_invalid=True)
+def measure_model(
+    scene: Scene, capture: Capture, arguments: argparse.Namespace, flip: Perceptual | None
+) -> Iterator[Row]:
+    """Rows of a model that is a PLY: itself, in other formats, and encoded."""
+    model = load_gaussians(scene.path)
     assert isinstance(model, GaussianScene)
-    own = measured(model, scene.path.stat().st_size, capture.test, perceptual)
+    own = measure(model, scene.path.stat().st_size, capture.test, flip)
     yield Row("3DGS, .ply", "rival", 1, None, own)
-    missing = install() if said.formats else None
-    for rival in formats(model, few=True):
-        if rival.family not in said.formats:
+    missing = install() if arguments.formats else None
+    for rival in list_formats(model, few=True):
+        if rival.family not in arguments.formats:
             continue
         try:
             if missing:
                 raise ToolFailed(missing)
-            path, _ = written(scene, scene.path, rival, fresh=False)
+            path, _ = write_rival(scene, scene.path, rival, fresh=False)
         except ToolFailed as error:
             print(f"skipped {rival.name}: {error}", file=sys.stderr)
             continue
         stored, _ = clean(read(path, rival.scale), drop_invalid=True)
-        found = measured(stored, path.stat().st_size, capture.test, perceptual)
+        found = measure(stored, path.stat().st_size, capture.test, flip)
         yield Row(f"3DGS, {rival.name}", "rival", 1, None, found)
-    for quality in said.qualities:
-        data = encoded(scene, capture, quality)
-        yield from of_scar(f"3DGS, `encode --quality {quality:g}`", "post-hoc", data, capture, perceptual)
+    for quality in arguments.qualities:
+        data = encode_model(scene, capture, quality)
+        yield from measure_scar(f"3DGS, `encode --quality {quality:g}`", "post-hoc", data, capture, flip)
 
 
-def record(row: Row, capture: Capture) -> Record:
-    """The record in the results."""
+def measure_all(arguments: argparse.Namespace, capture: Capture, flip: Perceptual | None) -> Iterator[Row]:
+    """Everything that the command line names."""
+    files = (("trained", arguments.scar), ("model", arguments.model), ("post-hoc", arguments.post_hoc))
+    for kind, words in files:
+        for word in words:
+            name, _, path = word.rpartition("=")
+            yield from measure_scar(name or Path(path).stem, kind, Path(path).read_bytes(), capture, flip)
+    if arguments.ply is not None:
+        scene = Scene(f"{arguments.scene}-{file_key(arguments.ply)[:6]}", arguments.ply.absolute())
+        yield from measure_model(scene, capture, arguments, flip)
+
+
+def make_record(row: Row, capture: Capture) -> Record:
+    """The record of a row among the results."""
     camera = capture.test[0].camera
     return {**asdict(row), "photos": len(capture.test), "size": [camera.width, camera.height]}
+
+
+def train_example(folder: Path) -> tuple[Path, Path]:
+    """Draw pictures of the example scene as photos and train on them for `SHORT_ITERATIONS`.
+
+    Returns:
+        The capture and the trained file, both in `folder`.
+    """
+    examples = REPOSITORY / "examples"
+    scene = load_gaussians(examples / "plush-toys.ply")
+    assert isinstance(scene, GaussianScene)
+    capture = folder / "capture"
+    images: list[Record] = []
+    (capture / "images").mkdir(parents=True)
+    for split, name in (("train", "cameras"), ("test", "views")):
+        for camera in load_cameras(examples / f"plush-toys.{name}.json"):
+            small = camera.scaled(64 / camera.width)
+            file = f"{split}-{len(images)}.png"
+            write_png(capture / "images" / file, render(scene, small))
+            pose = {"fx": small.fx, "fy": small.fy, "cx": small.cx, "cy": small.cy, "W": small.width, "H": small.height}
+            matrix = small.world_to_camera.tolist()
+            images.append({"name": file, "split": split, **pose, "world_to_camera": matrix})
+    (capture / "cameras.json").write_text(json.dumps({"images": images}), encoding="utf-8")
+    target = folder / "trained.scar"
+    target.write_bytes(train(capture, TrainOptions(iterations=SHORT_ITERATIONS)).data)
+    return capture, target
+
+
+# Tables
+
+
+def make_tables(results: dict[str, dict[str, Record]]) -> str:
+    """A table of everything that was measured on the photos of each scene, and bytes at equal PSNR."""
+    return "\n".join(_scene_tables(name, list(records.values())) for name, records in results.items())
+
+
+def _scene_tables(name: str, records: Sequence[Record]) -> str:
+    """One row a file: its first layer, all of it, and each layer's share of the post-hoc bytes at its PSNR."""
+    width, height = records[0]["size"]
+    text = f"**{name}**: {records[0]['photos']} photos of {width}×{height} held out.\n\n"
+    hull = find_frontier(_point(it) for it in records if it["kind"] == "post-hoc")
+    lines = []
+    for kind in SHOWN:
+        for file in dict.fromkeys(it["name"] for it in records if it["kind"] == kind):
+            layers = sorted((it for it in records if it["name"] == file), key=lambda it: int(it["layers"]))
+            first = Figures(**layers[0]["figures"]).cells()[:2] if len(layers) > 1 else ["", ""]
+            shares = _shares(layers, hull) if kind == "trained" else ""
+            lines.append([_title(layers[0]), *first, *Figures(**layers[-1]["figures"]).cells(), shares])
+    head = ("file", "layer 1, kB", "dB", *HEAD, "of post-hoc bytes, by layer")
+    kept = [k for k in range(len(head)) if any(line[k] not in ("–", "") for line in lines)]
+    return text + table([head[k] for k in kept], [[line[k] for k in kept] for line in lines])
+
+
+def _shares(layers: Sequence[Record], hull: Sequence[Point]) -> str:
+    """Bytes of each layer over those of the post-hoc frontier at its PSNR; – where that does not reach."""
+    found = []
+    for decibels, size in map(_point, layers):
+        other = frontier_bytes(hull, decibels)
+        found.append("–" if other is None else f"{100 * size / other:.0f}")
+    return f"{' / '.join(found)} %" if set(found) != {"–"} else ""
+
+
+def _title(record: Record) -> str:
+    after = f", {record['iterations']:,} iterations" if record["iterations"] else ""
+    return f"{record['name']}{after}"
+
+
+def find_frontier(points: Iterable[Point]) -> list[Point]:
+    """The lower convex hull of points over the logarithm of bytes, from the fewest bytes to the most dB."""
+    least = dict(sorted(points, key=lambda point: point[1], reverse=True))
+    hull: list[Point] = []
+    for point in sorted(least.items()):
+        while len(hull) > 1 and _turn(hull[-2], hull[-1], point) <= 0:
+            hull.pop()
+        hull.append(point)
+    cheapest = min(range(len(hull)), key=lambda k: (hull[k][1], -hull[k][0]), default=0)
+    return hull[cheapest:]
+
+
+def _turn(a: Point, b: Point, c: Point) -> float:
+    """Above 0 where the way from a over b to c bends upwards."""
+    return (b[0] - a[0]) * math.log(c[1] / b[1]) - math.log(b[1] / a[1]) * (c[0] - b[0])
+
+
+def frontier_bytes(hull: Sequence[Point], psnr_db: float) -> float | None:
+    """Bytes of a frontier at a PSNR; None where it does not reach."""
+    for low, high in pairwise(hull):
+        if low[0] <= psnr_db <= high[0]:
+            return interpolate_bytes(low, high, psnr_db)
+    return hull[0][1] if len(hull) == 1 and hull[0][0] == psnr_db else None
+
+
+def _point(record: Record) -> Point:
+    return record["figures"]["psnr_db"], record["figures"]["file_bytes"]
+
+
+# The command
 
 
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("scene", nargs="?", help="name of the capture on the page")
     parser.add_argument("capture", nargs="?", type=Path, help="capture as for `scarfmt train`, with photos held out")
-    add_arguments(parser)
+    parser.add_argument("--resolution", type=int, help="longest side of the photos, pixels")
     parser.add_argument("--scar", nargs="+", default=[], metavar="[NAME=]FILE", help="trained files")
     parser.add_argument("--model", nargs="+", default=[], metavar="[NAME=]FILE", help="files trained without rate")
     parser.add_argument("--post-hoc", nargs="+", default=[], metavar="[NAME=]FILE", help="files encoded from these")
     parser.add_argument("--ply", type=Path, help="a 3DGS model of the same photos, as INRIA's PLY")
     parser.add_argument("--formats", nargs="*", choices=FORMATS, default=FORMATS, help="formats to store the PLY in")
     parser.add_argument("--qualities", nargs="*", type=float, default=QUALITIES, help="qualities to encode it at, dB")
-    parser.add_argument("--report", action="store_true", help="only rewrite docs/trained.md")
+    parser.add_argument("--picture", type=Path, help="only draw the layers of the first --scar beside a photo")
+    parser.add_argument("--photo", type=int, default=0, help="number of that photo among those held out")
+    parser.add_argument("--short", action="store_true", help="train on pictures of the example scene")
+    parser.add_argument("--report", action="store_true", help="only rewrite the tables")
     parser.add_argument("--no-write", action="store_true", help="print the table; JSON goes to build/bench/ only")
     return parser
 
 
-def rows(said: argparse.Namespace, capture: Capture, perceptual: Metrics) -> Iterator[Row]:
-    """All that was asked for."""
-    for kind, words in (("trained", said.scar), ("model", said.model), ("post-hoc", said.post_hoc)):
-        for word in words:
-            name, _, path = word.rpartition("=")
-            yield from of_scar(name or Path(path).stem, kind, Path(path).read_bytes(), capture, perceptual)
-    if said.ply is not None:
-        scene = Scene(f"{said.scene}-{file_key(said.ply)[:6]}", said.ply.absolute())
-        yield from of_model(scene, capture, said, perceptual)
-
-
-def main(arguments: Sequence[str] | None = None) -> None:
+def main(words: Sequence[str] | None = None) -> None:
+    """The command line."""
     parser = _parser()
-    said = parser.parse_args(arguments)
-    keep = not said.no_write
-    results = provenance.figures(load_document(SCENES, keep))
-    if said.report:
-        write_scenes(results)
-        return
-    if said.scene is None or said.capture is None:
-        parser.error("a scene's name and its capture are needed")
-    capture = load_capture(said.capture, said.resolution)
-    if not capture.test:
-        parser.error(f"{said.capture}: no photo is held out")
-    for row in rows(said, capture, metrics(said.lpips)):
-        made = record(row, capture)
-        found = f"{row.figures.file_bytes:,} bytes, {row.figures.psnr_db:.2f} dB"
-        print(f"{said.scene}: {row.key}, {found}", file=sys.stderr, flush=True)
-        same = ("photos", "size")
-        before = {key: it for key, it in results.get(said.scene, {}).items() if all(it[k] == made[k] for k in same)}
-        results[said.scene] = {**before, row.key: made}
-        save_results(SCENES, results, keep, [f"{said.scene}/{row.key}"])
+    arguments = parser.parse_args(words)
+    keep = not arguments.no_write
+    results = provenance.figures(load_document(NAME)) if keep or arguments.report else {}
+    with TemporaryDirectory() as folder:
+        if arguments.short:
+            arguments.scene = "example"
+            arguments.capture, trained = train_example(Path(folder))
+            arguments.scar = [f"{SHORT_ITERATIONS} iterations={trained}"]
+        if not arguments.report:
+            if arguments.scene is None or arguments.capture is None:
+                parser.error("a scene's name and its capture are needed")
+            capture = load_capture(arguments.capture, arguments.resolution)
+            if not capture.test:
+                parser.error(f"{arguments.capture}: no photo is held out")
+            if arguments.picture is not None:
+                data = Path(arguments.scar[0].rpartition("=")[2]).read_bytes()
+                draw_side_by_side(data, capture.test[arguments.photo], 1600).save(arguments.picture, quality=88)
+                return
+            for row in measure_all(arguments, capture, load_flip()):
+                _add(results, arguments.scene, make_record(row, capture), row.key)
+                save_results(NAME, results, keep, [f"{arguments.scene}/{row.key}"])
+                found = f"{row.figures.file_bytes:,} bytes, {row.figures.psnr_db:.2f} dB"
+                print(f"{arguments.scene}: {row.key}, {found}", file=sys.stderr, flush=True)
     if keep:
-        write_scenes(results)
+        replace_section(NAME, add_provenance(make_tables(results), NAME), RESULTS_PAGE)
     else:
-        print(scene_tables(results))
+        print(make_tables(results))
+
+
+def _add(results: dict[str, dict[str, Record]], scene: str, record: Record, key: str) -> None:
+    """Add a record; earlier ones of photos of another number or size are dropped."""
+    same = ("photos", "size")
+    before = {name: it for name, it in results.get(scene, {}).items() if all(it[k] == record[k] for k in same)}
+    results[scene] = {**before, key: record}
 
 
 if __name__ == "__main__":

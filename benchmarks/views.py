@@ -1,4 +1,4 @@
-"""The views from which everything is judged: forty of three kinds, fixed for a scene, and the cameras of its capture.
+"""The fixed views that every figure of quality comes from: forty of three kinds, and the cameras of the capture.
 
     orbit     from 1.8 radii at 18 degrees, from 4 radii at 25, from 1.8 radii at 65: four views each
     near      from 1.0 radii at 12 degrees, from 0.6 at 10: four views each
@@ -6,7 +6,7 @@
     capture   the cameras of the photos that are held out, where there are any
 
 A radius is half the diagonal of the 10-90 % box of the positions. This module shares no code with the views that the
-encoder draws for itself: neither its survey nor its loop has seen these. Views that show nothing are left out.
+encoder draws: neither its survey nor its rate control has seen these. Views that show nothing are left out.
 """
 
 from __future__ import annotations
@@ -42,30 +42,15 @@ class View(NamedTuple):
     camera: Camera
 
 
-@dataclass(frozen=True)
-class Ring:
-    """Four eyes round the middle, looking at it.
-
-    Attributes:
-        kind: one of :data:`KINDS`.
-        radii: how far away.
-        elevation_deg: how high above the horizon.
-        turn: of the first, 0..1 of a circle.
-    """
-
-    kind: str
-    radii: float
-    elevation_deg: float
-    turn: float
-
-
 RINGS = (
-    Ring("orbit", 1.8, 18, 0.06),
-    Ring("near", 1.0, 12, 0.17),
-    Ring("near", 0.6, 10, 0.21),
-    Ring("orbit", 4.0, 25, 0.14),
-    Ring("orbit", 1.8, 65, 0.09),
+    ("orbit", 1.8, 18, 0.06),
+    ("near", 1.0, 12, 0.17),
+    ("near", 0.6, 10, 0.21),
+    ("orbit", 4.0, 25, 0.14),
+    ("orbit", 1.8, 65, 0.09),
 )
+"""(kind, radii away, elevation in degrees, turn of the first, 0..1 of a circle) of four cameras each that look at the
+middle."""
 OUTWARDS = ((0.0, 0.0, 0.03), (0.15, -12.0, 0.16))
 """(radii above the middle, elevation in degrees, turn of the first) of four views outwards each."""
 
@@ -93,7 +78,7 @@ class Space:
         return look_at(eye, target, self.axes[2], WIDTH, HEIGHT, FOV_DEG, name, near)
 
 
-def judged_views(original: Subject, up: str, capture: Sequence[Camera] = ()) -> list[View]:
+def make_views(original: Subject, up: str, capture: Sequence[Camera] = ()) -> list[View]:
     """The views of a scene that show something.
 
     Args:
@@ -102,10 +87,10 @@ def judged_views(original: Subject, up: str, capture: Sequence[Camera] = ()) -> 
         capture: cameras of photos that were held out; drawn as wide as all other views.
     """
     space = _space(original.placed, up)
-    shown = [view for view in (*_rings(space), *_outwards(space)) if _lit(original.picture(view.camera))]
-    lit = (view for view in _walking(space) if _lit(original.picture(view.camera)))
+    fixed = [view for view in (*_rings(space), *_outwards(space)) if _shows_something(original.picture(view.camera))]
+    walking = (view for view in _walking(space) if _shows_something(original.picture(view.camera)))
     scaled = [View("capture", camera.scaled(WIDTH / camera.width)) for camera in capture]
-    return [*shown, *islice(lit, WALKING), *scaled]
+    return [*fixed, *islice(walking, WALKING), *scaled]
 
 
 def _space(scene: GaussianScene, up: str) -> Space:
@@ -114,12 +99,11 @@ def _space(scene: GaussianScene, up: str) -> Space:
 
 
 def _rings(space: Space) -> Iterator[View]:
-    for ring in RINGS:
+    for kind, radii, elevation, turn in RINGS:
         for number in range(4):
-            towards = space.towards(ring.turn + number / 4, ring.elevation_deg)
-            eye = space.middle + ring.radii * space.radius * towards
-            name = f"{ring.radii:g} radii, {ring.elevation_deg:g} degrees, {number + 1}"
-            yield View(ring.kind, space.camera(eye, space.middle, name))
+            eye = space.middle + radii * space.radius * space.towards(turn + number / 4, elevation)
+            name = f"{radii:g} radii, {elevation:g} degrees, {number + 1}"
+            yield View(kind, space.camera(eye, space.middle, name))
 
 
 def _outwards(space: Space) -> Iterator[View]:
@@ -131,7 +115,7 @@ def _outwards(space: Space) -> Iterator[View]:
 
 
 def _walking(space: Space) -> Iterator[View]:
-    """Eyes anywhere in the core at a third of its height, looking about level."""
+    """Cameras anywhere in the core at a third of its height, looking about level."""
     random = np.random.default_rng(_SEED)
     vertical = np.abs(space.axes[2])
     for number in range(_DRAWN):
@@ -142,5 +126,5 @@ def _walking(space: Space) -> Iterator[View]:
         yield View("inside", space.camera(eye, target, f"walking {number + 1}"))
 
 
-def _lit(picture: F32) -> bool:
+def _shows_something(picture: F32) -> bool:
     return float((picture.max(axis=2) > _LIT).mean()) >= _LIT_SHARE

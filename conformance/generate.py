@@ -1,33 +1,33 @@
 """Writes the conformance vectors: ``python -m conformance.generate [--check] [--only ID ...]``.
 
-Every vector is a folder with ``input.scar``, ``expect.json`` and, of small scenes, references of activated values.
+Every vector is ``input.scar``, ``expect.json`` and, of small scenes, references of activated values, in the zip of its
+class (:mod:`scarfmt_conformance.archive`).
 Valid files come from scenes made here, their expectations from the same scenes (:mod:`conformance.expect.document`),
 not from a decoder of this package. An invalid file is a valid one with exactly one rule broken and every checksum right
-that is not itself the fault. ``manifest.json`` and the two schemas are written too. Running twice gives equal bytes.
+that is not itself the fault. ``manifest.json`` is written too. Running twice gives equal bytes.
 """
 
 from __future__ import annotations
 
 import argparse
 import fnmatch
-import shutil
 import sys
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from scarfmt_conformance.archive import VECTORS as FOLDER
+from scarfmt_conformance.archive import archives, members, write_zip
 
 from conformance.expect.document import BITSTREAM, FORMAT, expectation
 from conformance.expect.json_text import json_text
-from conformance.expect.schemas import LICENCE, expect_schema, manifest_schema
 from conformance.faults.catalogue import invalid_files
 from conformance.faults.container_faults import container_faults
 from conformance.faults.either_cases import either_cases
 from conformance.faults.huffman_cases import huffman_cases
 from conformance.faults.limit_faults import limit_faults
 from conformance.faults.metadata_faults import metadata_faults
-from conformance.faults.model_faults import model_faults
 from conformance.faults.stream_faults import stream_faults
 from conformance.faults.streaming_faults import streaming_either, streaming_faults
 from conformance.faults.truncated_cases import truncated_cases
@@ -39,7 +39,9 @@ from conformance.scenes.streaming_scenes import streaming_cases
 from conformance.scenes.valid_cases import named, valid_cases, with_origin
 
 ROOT = Path(__file__).resolve().parent
-VECTORS = ROOT / "vectors"
+VECTORS = ROOT / FOLDER
+_MANIFEST = "manifest.json"
+_LICENCE = "CC0-1.0"
 Files = dict[str, bytes]
 _CLOSE = 1e-12
 """Relative difference of two references of an activated value that another machine's exp or tanh may make."""
@@ -67,10 +69,9 @@ def _all_cases() -> Iterator[Case]:
     by_name = named(valid)
     files = {name: (case.data, case.scene) for name, case in by_name.items() if case.scene is not None}
     plain = {name: data for name, (data, _) in files.items()}
-    yield from invalid_files(plain)
+    yield from invalid_files(files)
     yield from container_faults(plain)
     yield from stream_faults(files)
-    yield from model_faults(files)
     yield from limit_faults()
     yield from metadata_faults()
     yield from streaming_faults()
@@ -85,7 +86,7 @@ def _all_cases() -> Iterator[Case]:
 def vector_files(case: Case) -> tuple[dict[str, Any], Files]:
     """The row of the manifest, and the files of a vector by their path below ``conformance/``."""
     expect, extra = expectation(case)
-    folder = f"vectors/{case.id}"
+    folder = f"{FOLDER}/{case.id}"
     row = {
         "id": case.id,
         "class": expect["class"],
@@ -112,39 +113,39 @@ def generated(only: list[str]) -> tuple[Files, list[str]]:
             files |= made
     rows.sort(key=lambda row: str(row["id"]))
     if not only:
-        manifest = {"format": FORMAT, "bitstream": BITSTREAM, "licence": LICENCE, "vectors": rows}
-        files["manifest.json"] = json_text(manifest).encode()
-        files["manifest.schema.json"] = json_text(manifest_schema()).encode()
-        files["expect.schema.json"] = json_text(expect_schema()).encode()
+        manifest = {"format": FORMAT, "bitstream": BITSTREAM, "licence": _LICENCE, "vectors": rows}
+        files[_MANIFEST] = json_text(manifest, levels=2).encode()
     return files, [row["id"] for row in rows]
 
 
-def same(path: Path, content: bytes) -> bool:
-    """Whether a file is there and as it should be: references of activated values but for rounding of another libm."""
-    if not path.exists():
-        return False
-    found = path.read_bytes()
-    if found == content or path.suffix != ".bin" or len(found) != len(content):
+def same(name: str, found: bytes | None, content: bytes) -> bool:
+    """Whether a file is as it should be: references of activated values but for rounding of another libm."""
+    if found is None or found == content or not name.endswith(".bin") or len(found) != len(content):
         return found == content
     there, here = np.frombuffer(found, "<f8"), np.frombuffer(content, "<f8")
     return bool(np.allclose(there, here, rtol=_CLOSE, atol=_CLOSE, equal_nan=True))
 
 
-def _left_over(files: Files) -> list[Path]:
-    """Files below ``vectors/`` that are no longer made."""
-    return sorted(p for p in VECTORS.rglob("*") if p.is_file() and str(p.relative_to(ROOT)) not in files)
+def written() -> Files:
+    """Every file there is, by its path below ``conformance/``."""
+    return {**members(ROOT), **{path.name: path.read_bytes() for path in ROOT.glob(_MANIFEST)}}
 
 
-def _write(files: Files, stale: list[str], left: list[Path]) -> None:
-    for name in stale:
-        path = ROOT / name
-        path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_bytes(files[name])
-    for path in left:
-        path.unlink()
-    for folder in sorted((p for p in VECTORS.rglob("*") if p.is_dir()), reverse=True):
-        if not any(folder.iterdir()):
-            shutil.rmtree(folder)
+def _write(files: Files) -> None:
+    """Write the manifest, and the archive of every class; remove that of a class without vectors."""
+    classes: dict[str, Files] = {path.stem: {} for path in archives(ROOT)}
+    for name, content in files.items():
+        if name == _MANIFEST:
+            (ROOT / name).write_bytes(content)
+        else:
+            classes.setdefault(name.split("/")[1], {})[name] = content
+    VECTORS.mkdir(exist_ok=True)
+    for class_, content_of in classes.items():
+        path = VECTORS / f"{class_}.zip"
+        if content_of:
+            write_zip(path, content_of)
+        else:
+            path.unlink()
 
 
 def main(arguments: list[str]) -> int:
@@ -156,14 +157,16 @@ def main(arguments: list[str]) -> int:
     files, ids = generated(options.only)
     if not ids:
         parser.error("no vector has such an id")
-    stale = [name for name, content in files.items() if not same(ROOT / name, content)]
-    left = [] if options.only else _left_over(files)
-    if not options.check:
-        _write(files, stale, left)
+    there = written()
+    stale = [name for name, content in files.items() if not same(name, there.get(name), content)]
+    left = [] if options.only else sorted(set(there) - set(files))
+    if not options.check and (stale or left):
+        kept = {name: content for name, content in there.items() if name not in left}
+        _write({**kept, **{name: files[name] for name in stale}})
     done = "differ" if options.check else "changed"
     size = sum(map(len, files.values()))
     print(f"{len(ids)} vectors, {size:,} bytes, {len(stale) + len(left)} files {done}")
-    for name in [*stale, *(f"{path.relative_to(ROOT)} (no longer made)" for path in left)] if options.check else []:
+    for name in [*stale, *(f"{name} (no longer made)" for name in left)] if options.check else []:
         print(f"  {name}")
     return 1 if options.check and (stale or left) else 0
 

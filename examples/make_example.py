@@ -16,7 +16,7 @@ import numpy as np
 
 from scarfmt.arrays import F64
 from scarfmt.formats import load
-from scarfmt.formats.export_ply import write_inria_ply
+from scarfmt.formats.inria_ply import write_inria_ply
 from scarfmt.render.camera import Camera, look_at
 from scarfmt.render.capture import load_cameras
 from scarfmt.scene.gaussians import GaussianScene

@@ -16,9 +16,9 @@ import atheris
 with atheris.instrument_imports(include=["scarfmt", "reference_decoder"]):
     from fuzz.target import decoded, dumped, truncated, validated
 
+from conformance.surgery.reseal import is_file, resealed
 from fuzz.corpus import corpus
 from fuzz.testing.mutators import mutate
-from fuzz.testing.parts import is_file, resealed
 
 MAX_BYTES = 1 << 16
 FILES = [seed.data for seed in corpus()]

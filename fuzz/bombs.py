@@ -33,8 +33,7 @@ from scarfmt.entropy.symbol_tables import SymbolTable
 from scarfmt.neural.arithmetic import Linear as Exact
 from scarfmt.neural.network import Inputs
 from scarfmt.neural.predictors import Predictor, input_width
-from scarfmt.scene.codebooks import Codebooks
-from scarfmt.scene.model import Channel, ContextRule, DecodedContext, LayerRow, SceneModel
+from scarfmt.scene.model import Channel, Codebooks, DecodedContext, LayerRow, SceneModel
 
 NOTHING = pack_substreams({})
 """A TILE block without sub-streams: whatever is decoded from it is the first symbol of its table."""
@@ -42,9 +41,9 @@ MIB = 1 << 20
 MOST_SECONDS = 120
 
 
-def channels(*wanted: tuple[Stream, int], by_class: bool = False) -> tuple[Channel, ...]:
+def channels(*wanted: tuple[Stream, int]) -> tuple[Channel, ...]:
     """Channels with so many components, each alike."""
-    return tuple(Channel(stream, (0.5,) * n, (ContextRule(by_class),) * n) for stream, n in wanted)
+    return tuple(Channel(stream, (0.5,) * n) for stream, n in wanted)
 
 
 def zero_tables(model: SceneModel, contexts: int = 5, largest: int = 17) -> dict[TableKey, SymbolTable]:
@@ -99,20 +98,13 @@ def build(
     return write_container(fields, tiles, blocks, [(total, total if model.profile == 0 else 0)] * len(model.layers))
 
 
-def padded(data_of: Callable[[bytes], bytes], size: int) -> bytes:
-    """A file brought up to `size` bytes by a block that readers ignore: it buys work."""
-    return data_of(bytes(max(1, size - len(data_of(b"\\0")))))
-
-
 SCALE = (Stream.SCALE, 3)
 WIDE = (SCALE, (Stream.LATENT, 64))
 
 
 def _mlp(*widths: int) -> bytes:
     pairs = itertools.pairwise(widths)
-    return pack_networks(
-        (QuantisedMlp(tuple(Linear.quantised(np.ones((b, a)), np.zeros(b)) for a, b in pairs)),)
-    )
+    return pack_networks((QuantisedMlp(tuple(Linear.quantised(np.ones((b, a)), np.zeros(b)) for a, b in pairs)),))
 
 
 def _filler(size: int) -> list[tuple[int, int, bytes, int]]:
@@ -143,28 +135,6 @@ def many_steps(anchors: int, size: int, wide: int = 64) -> bytes:
     return build(model, counts, tables=zero_tables(model), models=[decoder, *_filler(size)])
 
 
-def many_contexts(anchors: int, tiles: int, size: int) -> bytes:
-    """Every anchor a group of its own: contexts differ by class."""
-    row = LayerRow((0,) * 15, ((1, 20),) * 15)
-    model = SceneModel(Profile.EXPLICIT, 1, channels(SCALE, (Stream.LATENT, 64), by_class=True), (row,))
-    tables = zero_tables(model, contexts=1)
-    for key in list(tables):
-        if key.stream in (Stream.SCALE, Stream.LATENT):
-            for kind in range(15):
-                context = 16 * kind + (0 if key.step == 1 else 2)
-                tables[TableKey(key.stream, key.component, key.step, context)] = one_symbol()
-    rng = np.random.default_rng(1)
-    tables[TableKey(Stream.CLASSES, 0, 0, 0)] = SymbolTable(np.arange(15), np.ones(15, np.int64))
-    from scarfmt.entropy.emitters import SymbolWriter
-
-    writer = SymbolWriter(tables)
-    writer.emit(TableKey(Stream.CLASSES, 0, 0, 0), rng.permutation(np.arange(anchors) % 15))
-    tile = pack_substreams({Stream.CLASSES: writer.finish()})
-    decoder = (BlockKind.DECODER_MLP, 1, _mlp(64, 3), 1)
-    tables = dict(sorted(tables.items()))
-    return build(model, [anchors] * tiles, tables=tables, models=[decoder, *_filler(size)], tile=tile)
-
-
 def wide_decoder(anchors: int, size: int) -> bytes:
     """A latent decoder of four layers of 1024 for many anchors."""
     model = SceneModel(Profile.EXPLICIT, 1, channels(SCALE, (Stream.LATENT, 64)), (LayerRow((0,), ((1, 1),)),))
@@ -173,28 +143,29 @@ def wide_decoder(anchors: int, size: int) -> bytes:
     return build(model, counts, tables=zero_tables(model), models=[decoder, *_filler(size)])
 
 
-def wide_features(anchors: int, size: int) -> bytes:
-    """Features of 1024 numbers for many anchors."""
+def _drawn(anchors: int, slots: int, features: int, size: int) -> bytes:
+    """Anchors of so many slots, all turned on, whose networks take so many features and no direction beyond three."""
     wanted = ((Stream.SCALE, 6), (Stream.LATENT, 1), (Stream.OFFSETS, 3))
-    model = SceneModel(Profile.ANCHOR, 1, channels(*wanted), (LayerRow((0,), ((1, 1, 1),)),))
-    nets = [QuantisedMlp(tuple(Linear.quantised(np.ones((b, a)), np.zeros(b)) for a, b in ((1003, 1), (1, k))))
-            for k in (1, 7, 3)]  # fmt: skip
-    blocks = [(BlockKind.DECODER_MLP, 1, _mlp(1, 1000), 1), (BlockKind.SCENE_MLP, 1, pack_networks(tuple(nets)), 3)]
+    model = SceneModel(Profile.ANCHOR, slots, channels(*wanted), (LayerRow((0,), ((1, 1, 1),)),))
+    nets = [QuantisedMlp(tuple(Linear.quantised(np.ones((b, a)), np.zeros(b))
+                               for a, b in ((features + 3, 1), (1, k * slots)))) for k in (1, 7, 3)]  # fmt: skip
+    blocks = [(BlockKind.DECODER_MLP, 1, _mlp(1, features), 1)]
+    blocks.append((BlockKind.SCENE_MLP, 1, pack_networks(tuple(nets)), 3))
     counts = [min(65536, anchors - first) for first in range(0, anchors, 65536)]
-    return build(model, counts, tables=zero_tables(model), models=[*blocks, *_filler(size)])
+    tables = zero_tables(model)
+    if slots > 1:
+        tables.update({key: one_symbol(1) for key in tables if key.stream == Stream.MASKS})
+    return build(model, counts, tables=tables, models=[*blocks, *_filler(size)])
+
+
+def wide_features(anchors: int, size: int) -> bytes:
+    """Features of 1000 numbers for many anchors."""
+    return _drawn(anchors, 1, 1000, size)
 
 
 def many_slots(anchors: int, slots: int, size: int) -> bytes:
     """Anchors of 32 slots, all turned on."""
-    wanted = ((Stream.SCALE, 6), (Stream.LATENT, 1), (Stream.OFFSETS, 3))
-    model = SceneModel(Profile.ANCHOR, slots, channels(*wanted), (LayerRow((0,), ((1, 1, 1),)),))
-    nets = [QuantisedMlp(tuple(Linear.quantised(np.ones((b, a)), np.zeros(b)) for a, b in ((4, 1), (1, k * slots))))
-            for k in (1, 7, 3)]  # fmt: skip
-    blocks = [(BlockKind.DECODER_MLP, 1, _mlp(1, 1), 1), (BlockKind.SCENE_MLP, 1, pack_networks(tuple(nets)), 3)]
-    counts = [min(65536, anchors - first) for first in range(0, anchors, 65536)]
-    tables = zero_tables(model)
-    tables.update({key: one_symbol(1) for key in tables if key.stream == Stream.MASKS})
-    return build(model, counts, tables=tables, models=[*blocks, *_filler(size)])
+    return _drawn(anchors, slots, 1, size)
 
 
 def large_tables(tables: int, symbols: int, size: int) -> bytes:
@@ -285,7 +256,6 @@ BOMBS: dict[str, Callable[[], bytes]] = {
     "many steps, small file": lambda: many_steps(9_000, 0),
     "many steps": lambda: many_steps(200_000, MIB - 5000),
     "many steps, one component": lambda: many_steps(1_000_000, MIB - 5000, 1),
-    "many contexts": lambda: many_contexts(240, 150, MIB - 38_000),
     "wide decoder": lambda: wide_decoder(27_000, MIB - 5000),
     "wide features": lambda: wide_features(65_536, 0),
     "wide features, large file": lambda: wide_features(65_000, MIB - 9000),

@@ -7,7 +7,7 @@ same file.
 
 ``--kind deep`` changes what sound files say and makes all checksums right, so that most inputs reach the decoder of
 symbols. ``--kind bit-flips`` flips single bits of sound files, each of which must be noticed. ``--compare`` decodes
-every input in NumPy alone, too, and another answer than the kernel's is a finding.
+every input in NumPy alone, too, and another answer than the C library's is a finding.
 """
 
 from __future__ import annotations
@@ -15,24 +15,23 @@ from __future__ import annotations
 import argparse
 import json
 import multiprocessing
-import queue
 import resource
 import signal
 import sys
 import time
 import traceback
 from collections import Counter
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
-from multiprocessing.sharedctypes import Synchronized
+from multiprocessing.connection import Connection, wait
 from pathlib import Path
 from types import FrameType
 from typing import Any
 
-from benchmarks.provenance import stamped
+from benchmarks.provenance import stamp
 from fuzz.corpus import Seed, corpus, digest
-from fuzz.inputs import KINDS, Input
+from fuzz.inputs import KINDS, Input, Inputs
 from fuzz.target import decoded, decoded_by, dumped, truncated, validated
 
 SECONDS = 5.0
@@ -40,12 +39,14 @@ SECONDS = 5.0
 MEMORY = 512 << 20
 """Per input, for inputs below 1 MiB."""
 HUNG = 60.0
-"""A worker that is stuck below Python, where no alarm reaches it, is killed after so long."""
+"""A process that is stuck below Python, where no alarm reaches it, is killed after so long."""
 BATCH = 500
 FINDINGS = Path(__file__).with_name("findings")
+ENGINES = {"native": partial(decoded_by, native=True), "numpy": partial(decoded_by, native=False)}
 _MEASURED = 4 << 20
 _KEPT = 10
 _TRUNCATE_EVERY = 8
+_SHOW_EVERY = 30.0
 
 
 class Hang(BaseException):
@@ -81,7 +82,8 @@ class Tally:
         self.findings += other.findings
 
 
-def _on_alarm(_signal: int, _frame: FrameType | None) -> None:
+def on_alarm(_signal: int, _frame: FrameType | None) -> None:
+    """End the input that the processor time ran out for."""
     raise Hang
 
 
@@ -95,46 +97,40 @@ def _forget_peak() -> None:
         stream.write("5")
 
 
-@dataclass(frozen=True)
-class Rules:
-    """The rules by which results are findings, beside exceptions, time and memory.
-
-    Attributes:
-        must_refuse: that validate finds nothing in an input.
-        compare: that NumPy alone answers otherwise than the engine in use: other values, another refusal id.
-    """
-
-    must_refuse: bool = False
-    compare: bool = False
-
-
-class Runner:
-    """Runs inputs one by one and keeps the score.
+class Examiner:
+    """Takes inputs through everything that reads files, one by one.
 
     Args:
         make: input n.
-        rules: what else is a finding.
+        must_refuse: whether an input that validate takes is a finding.
+        engines: of two or none; another answer of the second is a finding.
+        findings: folder for their bytes.
     """
 
-    def __init__(self, make: Callable[[int], Input], rules: Rules) -> None:
-        self._make, self._rules = make, rules
+    def __init__(
+        self,
+        make: Callable[[int], Input],
+        must_refuse: bool = False,
+        engines: Mapping[str, Callable[[bytes], str]] | None = None,
+        findings: Path = FINDINGS,
+    ) -> None:
+        self.make, self._findings = make, findings
+        self._must_refuse, self._engines = must_refuse, engines or {}
         self._base = 0
 
-    def run(self, numbers: Iterator[int], progress: Synchronized[int]) -> Tally:
-        """All inputs of a batch; `progress` is the number of the one at work."""
+    def run(self, numbers: Iterable[int], begin: Callable[[int], object] = bool) -> Tally:
+        """All inputs of a batch; `begin` is called with the number of each."""
         tally = Tally()
         for number in numbers:
-            progress.value = number
-            one = self._make(number)
+            begin(number)
+            one = self.make(number)
             tally.inputs += 1
             tally.bytes += len(one.mutant.data)
             tally.operators.update(one.mutant.operators)
-            self._one(one, tally)
-        progress.value = -1
+            self._examine(one, tally)
         return tally
 
-    def _one(self, one: Input, tally: Tally) -> None:
-        data = one.mutant.data
+    def _examine(self, one: Input, tally: Tally) -> None:
         if not self._base:
             _forget_peak()
             self._base = _peak()
@@ -143,72 +139,47 @@ class Runner:
         self._ask("dump", dumped, one, tally)
         if one.number % _TRUNCATE_EVERY == 0:
             self._ask("truncate", truncated, one, tally)
-        if self._rules.compare:
-            self._engines(one, tally)
+        answers = [self._ask(f"{name} engine", act, one, tally) for name, act in self._engines.items()]
+        if len(set(answers)) > 1 and None not in answers:
+            self.found(one, tally, "engines differ", ", ".join(answer or "values" for answer in answers))
         if refusal is not None and finding is not None:
             tally.refusals[refusal or "decoded"] += 1
             tally.invalid[finding or "valid"] += 1
-            self._compare(one, refusal, finding, tally)
+            # The converse is false, by rules marked (V), and as a decoder reads no block it has no need of (SPEC §5.6).
+            if refusal and not finding:
+                self.found(one, tally, "disagree", f"decode refuses {refusal}, validate finds nothing")
+            if self._must_refuse and not finding:
+                self.found(one, tally, "unnoticed", "valid")
         peak = _peak() - self._base
         if peak > _MEASURED:
             tally.hungriest = sorted([*tally.hungriest, (peak, one.name)], reverse=True)[:_KEPT]
-            if peak > MEMORY and len(data) < 1 << 20:
-                self._found(one, tally, "memory", f"{peak >> 20} MiB")
+            if peak > MEMORY and len(one.mutant.data) < 1 << 20:
+                self.found(one, tally, "memory", f"{peak >> 20} MiB")
             self._base = 0
 
-    def _engines(self, one: Input, tally: Tally) -> None:
-        """Check that both engines give the same arrays, or refuse with the same id."""
-        first, second = (
-            self._ask(f"{name} engine", partial(decoded_by, engine=name), one, tally, count=False)
-            for name in ("auto", "numpy")
-        )
-        if first is not None and second is not None:
-            tally.outcomes["engines compared"] += 1
-            if first != second:
-                self._found(one, tally, "engines differ", f"in use: {first or 'other values'}, NumPy: {second}")
-
-    def _compare(self, one: Input, refusal: str, finding: str, tally: Tally) -> None:
-        """Check that a file whose decoding is refused is not valid. The converse is false, by rules marked (V)."""
-        if refusal and not finding:
-            self._found(one, tally, "disagree", f"decode refuses {refusal}, validate finds nothing")
-        if self._rules.must_refuse and not finding:
-            self._found(one, tally, "unnoticed", "valid")
-        elif self._rules.must_refuse and not refusal:
-            # A decoder does not read blocks it has no need of (SPEC §5.6).
-            tally.outcomes["noticed by validate alone"] += 1
-
-    def _ask(
-        self, what: str, act: Callable[[bytes], str], one: Input, tally: Tally, count: bool = True
-    ) -> str | None:
+    def _ask(self, what: str, act: Callable[[bytes], str], one: Input, tally: Tally) -> str | None:
         signal.setitimer(signal.ITIMER_PROF, SECONDS)
         start = time.process_time()
         answer: str | None = None
         try:
             answer = act(one.mutant.data)
         except Hang:
-            self._found(one, tally, f"{what}: hang", traceback.format_exc(limit=-4))
+            self.found(one, tally, f"{what}: hang", traceback.format_exc(limit=-4))
         except Exception as error:
-            self._found(one, tally, f"{what}: {type(error).__name__}", traceback.format_exc(limit=-6))
+            self.found(one, tally, f"{what}: {type(error).__name__}", traceback.format_exc(limit=-6))
         finally:
             signal.setitimer(signal.ITIMER_PROF, 0)
         spent = time.process_time() - start
         tally.seconds += spent
-        if not tally.slowest or len(tally.slowest) < _KEPT or spent > tally.slowest[-1][0]:
-            tally.slowest = sorted([*tally.slowest, (round(spent, 4), f"{what} {one.name}")], reverse=True)[:_KEPT]
-        kind = "finding" if answer is None else "refused" if answer else "accepted"
-        tally.outcomes[f"{what} {kind}"] += count
+        tally.slowest = sorted([*tally.slowest, (round(spent, 4), f"{what} {one.name}")], reverse=True)[:_KEPT]
+        tally.outcomes[f"{what} {'finding' if answer is None else 'refused' if answer else 'accepted'}"] += 1
         return answer
 
-    @staticmethod
-    def _found(one: Input, tally: Tally, what: str, text: str) -> None:
+    def found(self, one: Input, tally: Tally, what: str, text: str) -> None:
+        """Enter a finding, and keep the bytes."""
         tally.findings.append({"what": what, "input": one.name, "text": text})
-        save(one)
-
-
-def save(one: Input) -> None:
-    """Keep the bytes of a finding."""
-    FINDINGS.mkdir(exist_ok=True)
-    (FINDINGS / f"{one.number}.scar").write_bytes(one.mutant.data)
+        self._findings.mkdir(exist_ok=True)
+        (self._findings / f"{one.number}.scar").write_bytes(one.mutant.data)
 
 
 def _limit_memory() -> None:
@@ -218,129 +189,76 @@ def _limit_memory() -> None:
     resource.setrlimit(resource.RLIMIT_AS, (limit, limit))
 
 
-def _work(
-    make: Callable[[int], Input],
-    rules: Rules,
-    batches: Any,
-    results: Any,
-    progress: Synchronized[int],
-) -> None:
-    signal.signal(signal.SIGPROF, _on_alarm)
-    _limit_memory()
-    runner = Runner(make, rules)
-    while (batch := batches.get()) is not None:
-        results.put(runner.run(iter(range(*batch)), progress))
+class _Job:
+    """A process at work on a batch; it may die of one of its inputs."""
 
-
-@dataclass
-class Campaign:
-    """Workers and what they found.
-
-    Args:
-        make: input n.
-        count: inputs.
-        jobs: worker processes.
-        rules: what else is a finding.
-        until: when to give out no more work, by `time.monotonic`.
-    """
-
-    make: Callable[[int], Input]
-    count: int
-    jobs: int
-    rules: Rules
-    until: float
-    tally: Tally = field(default_factory=Tally)
-
-    def run(self) -> Tally:
-        """The whole campaign."""
+    def __init__(self, examiner: Examiner, numbers: range) -> None:
         context = multiprocessing.get_context("fork")
-        workers = [_Worker(context, self.make, self.rules) for _ in range(self.jobs)]
-        todo = iter(range(0, self.count, BATCH))
-        for worker in workers:
-            self._feed(worker, todo)
-        start = shown = time.monotonic()
-        while any(worker.busy for worker in workers):
-            for worker in workers:
-                done = worker.poll()
-                if done is not None:
-                    self.tally.add(done)
-                    self._feed(worker, todo)
-            if time.monotonic() - shown > 30:
-                shown = time.monotonic()
-                print(_progress(self.tally, shown - start), file=sys.stderr, flush=True)
-        for worker in workers:
-            worker.stop()
-        return self.tally
-
-    def _feed(self, worker: _Worker, todo: Iterator[int]) -> None:
-        if worker.rest is not None:
-            worker.give(worker.rest)
-        elif time.monotonic() < self.until and (start := next(todo, None)) is not None:
-            worker.give((start, min(start + BATCH, self.count)))
-
-
-class _Worker:
-    """A process that can die of its inputs; whichever it died of is a finding."""
-
-    def __init__(self, context: Any, make: Callable[[int], Input], rules: Rules) -> None:
-        self._context, self._make, self._rules = context, make, rules
-        self.rest: tuple[int, int] | None = None
-        self.busy = False
-        self._start()
-
-    def _start(self) -> None:
-        self._batches, self._results = self._context.SimpleQueue(), self._context.Queue()
-        self._progress = self._context.Value("q", -1, lock=False)
-        arguments = (self._make, self._rules, self._batches, self._results, self._progress)
-        self._process = self._context.Process(target=_work, args=arguments, daemon=True)
-        self._process.start()
-
-    def give(self, batch: tuple[int, int]) -> None:
-        """Start a batch."""
-        self.rest, self.busy, self._batch = None, True, batch
+        self.numbers = numbers
+        self.receiver, sender = context.Pipe(duplex=False)
+        self._number = context.Value("q", -1, lock=False)
         self._seen = (-1, time.monotonic())
-        self._batches.put(batch)
+        self._process = context.Process(target=self._work, args=(examiner, sender), daemon=True)
+        self._process.start()
+        sender.close()
 
-    def poll(self) -> Tally | None:
-        """The result of the batch, if there is one by now."""
-        if not self.busy:
-            return None
-        try:
-            tally = self._results.get(timeout=0.2)
-        except queue.Empty:
-            return self._check()
-        self.busy = False
-        assert isinstance(tally, Tally)
-        return tally
+    def _work(self, examiner: Examiner, sender: Connection) -> None:
+        signal.signal(signal.SIGPROF, on_alarm)
+        _limit_memory()
 
-    def _check(self) -> Tally | None:
-        number = self._progress.value
-        if number != self._seen[0]:
-            self._seen = (number, time.monotonic())
-        stuck = time.monotonic() - self._seen[1] > HUNG
-        if self._process.is_alive() and not stuck:
-            return None
-        if not stuck and self._process.exitcode == 1:
-            raise RuntimeError(f"the campaign itself failed at input {number}")
-        what = "stuck" if stuck else f"died, exit code {self._process.exitcode}"
+        def begin(number: int) -> None:
+            self._number.value = number
+
+        sender.send(examiner.run(self.numbers, begin))
+
+    @property
+    def stuck(self) -> bool:
+        """Whether it has been at the same input for too long."""
+        if self._number.value != self._seen[0]:
+            self._seen = (self._number.value, time.monotonic())
+        return time.monotonic() - self._seen[1] > HUNG
+
+    def end(self) -> tuple[int, str]:
+        """Kill it; the number of the input it was at, and how it ended."""
+        stuck = self.stuck
+        self._process.join(1)
         self._process.kill()
         self._process.join()
-        tally = Tally()
-        if number >= 0:
-            one = self._make(number)
-            save(one)
-            tally.findings.append({"what": what, "input": one.name, "text": "batch lost before it"})
-        # What came before in the batch is not counted; what comes after is still to be done.
-        self.rest = (number + 1, self._batch[1]) if number >= 0 and number + 1 < self._batch[1] else None
-        self.busy = False
-        self._start()
-        return tally
+        if not stuck and self._process.exitcode == 1:
+            raise RuntimeError(f"the campaign itself failed at input {self._number.value}")
+        return self._number.value, "stuck" if stuck else f"died, exit code {self._process.exitcode}"
 
-    def stop(self) -> None:
-        """End the process."""
-        self._batches.put(None)
-        self._process.join(10)
-        self._process.kill()
+
+def run_campaign(examiner: Examiner, count: int, jobs: int, until: float) -> Tally:
+    """All inputs, in so many processes; no work is given out after `until`, by `time.monotonic`."""
+    todo = (range(start, min(start + BATCH, count)) for start in range(0, count, BATCH))
+    rest: list[range] = []
+    running: list[_Job] = []
+    tally = Tally()
+    start = shown = time.monotonic()
+    while True:
+        while len(running) < jobs:
+            batch = rest.pop() if rest else next(todo, None) if time.monotonic() < until else None
+            if batch is None:
+                break
+            running.append(_Job(examiner, batch))
+        if not running:
+            return tally
+        ready: Sequence[Any] = wait([job.receiver for job in running], 1.0)
+        for job in [job for job in running if job.receiver in ready or job.stuck]:
+            running.remove(job)
+            try:
+                if job.receiver not in ready:
+                    raise EOFError
+                tally.add(job.receiver.recv())
+            except EOFError:
+                number, what = job.end()
+                examiner.found(examiner.make(number), tally, what, "its batch is not counted up to it")
+                if number + 1 in job.numbers:
+                    rest.append(range(number + 1, job.numbers.stop))
+        if time.monotonic() - shown > _SHOW_EVERY:
+            shown = time.monotonic()
+            print(_progress(tally, shown - start), file=sys.stderr, flush=True)
 
 
 def _progress(tally: Tally, seconds: float) -> str:
@@ -386,15 +304,15 @@ def main() -> int:
     files = corpus()
     if arguments.kind != "mutants":
         files = [file for file in files if not decoded(file.data)]
-    make = KINDS[arguments.kind](files, arguments.seed)
+    make = Inputs(files, arguments.seed, arguments.kind)
     if arguments.one is not None:
         sys.stdout.buffer.write(make(arguments.one).mutant.data)
         return 0
     start = time.monotonic()
     until = start + 60 * arguments.minutes
-    rules = Rules(arguments.kind == "bit-flips", arguments.compare)
-    tally = Campaign(make, arguments.count, arguments.jobs, rules, until).run()
-    result = json.dumps(stamped(summary(tally, time.monotonic() - start, arguments, files)), indent=1)
+    examiner = Examiner(make, arguments.kind == "bit-flips", ENGINES if arguments.compare else None)
+    tally = run_campaign(examiner, arguments.count, arguments.jobs, until)
+    result = json.dumps(stamp(summary(tally, time.monotonic() - start, arguments, files)), indent=1)
     if arguments.out is not None:
         arguments.out.write_text(result + "\n")
     print(result)

@@ -4,15 +4,15 @@ from __future__ import annotations
 
 import hashlib
 from dataclasses import dataclass
-from pathlib import Path
 
+from scarfmt_conformance.archive import names, read
+
+from conformance.surgery.reseal import is_file
 from fuzz.testing.neural_scenes import neural_scene
-from fuzz.testing.parts import is_file
 from fuzz.testing.scenes import random_scene
 from scarfmt.coding.writer import write_scene
 from scarfmt.container.schema import Profile
 
-VECTORS = Path(__file__).resolve().parents[1] / "conformance" / "vectors"
 MAX_BYTES = 20_000
 
 
@@ -26,12 +26,8 @@ class Seed:
 
 def vectors() -> list[Seed]:
     """Conformance vectors of every class, except those that are cut inside their tables."""
-    found = []
-    for path in sorted(VECTORS.rglob("input.scar")):
-        data = path.read_bytes()
-        if len(data) <= MAX_BYTES and is_file(data):
-            found.append(Seed(str(path.parent.relative_to(VECTORS)), data))
-    return found
+    seeds = (Seed(name, read(name)) for name in names())
+    return [seed for seed in seeds if len(seed.data) <= MAX_BYTES and is_file(seed.data)]
 
 
 def encoded() -> list[Seed]:

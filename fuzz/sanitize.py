@@ -1,6 +1,6 @@
-"""The compiled kernel under AddressSanitizer and UndefinedBehaviorSanitizer, on sound, damaged and forged files.
+"""The C library under AddressSanitizer and UndefinedBehaviorSanitizer, on sound, damaged and forged files.
 
-``python -m fuzz.sanitize --minutes 2`` builds the kernel with gcc's sanitizers in ``build/sanitize/`` and, with it in
+``python -m fuzz.sanitize --minutes 2`` builds the library with gcc's sanitizers in ``build/sanitize/`` and, with it in
 place of the installed one, takes files through decode and validate: every file of the corpus, then turn by turn a
 mutant of any kind and one that is forged deep inside and sealed again, so that what no checksum stops reaches the C
 code. Any report of a sanitizer, and any exception that is no ScarError, ends the run with exit code 1; the file is kept
@@ -10,21 +10,20 @@ in ``fuzz/findings/``. Input n of seed S is always the same file. Needs gcc on L
 from __future__ import annotations
 
 import argparse
+import itertools
 import os
 import shutil
 import subprocess
 import sys
 import time
+import tomllib
 from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
-from random import Random
 
 from fuzz.corpus import Seed, corpus
+from fuzz.inputs import Inputs
 from fuzz.target import decoded, truncated, validated
-from fuzz.testing import block_mutators
-from fuzz.testing.mutators import Mutant, mutate
-from fuzz.testing.parts import is_file, resealed
 
 REPOSITORY = Path(__file__).resolve().parents[1]
 BUILD = REPOSITORY / "build" / "sanitize"
@@ -32,13 +31,12 @@ FINDINGS = REPOSITORY / "fuzz" / "findings"
 FLAGS = ("-g", "-O1", "-fno-omit-frame-pointer", "-fsanitize=address,undefined", "-fno-sanitize-recover=all")
 # Python frees little at its end; and every report is to end the process at once.
 OPTIONS = {"ASAN_OPTIONS": "detect_leaks=0:abort_on_error=0", "UBSAN_OPTIONS": "print_stacktrace=1"}
-DEEP = tuple(block_mutators.OPERATORS)
 _TRUNCATE_EVERY = 8
 _SHOW_EVERY = 30.0
 
 
-def build(sources: Path = REPOSITORY / "scarfmt" / "kernel", folder: Path = BUILD) -> Path:
-    """A copy of the package in `folder` whose kernel is compiled from `sources` with the sanitizers.
+def build(sources: Path = REPOSITORY / "scarfmt" / "native", folder: Path = BUILD) -> Path:
+    """A copy of the package in `folder` whose C library is compiled from `sources` with the sanitizers.
 
     Raises:
         subprocess.CalledProcessError: gcc refuses the sources, or has no sanitizers.
@@ -47,8 +45,9 @@ def build(sources: Path = REPOSITORY / "scarfmt" / "kernel", folder: Path = BUIL
     shutil.copytree(
         REPOSITORY / "scarfmt", folder / "scarfmt", ignore=shutil.ignore_patterns("__pycache__", "*.so", "*.c", "*.h")
     )
-    library = folder / "scarfmt" / "kernel" / "native.so"
-    files = sorted(map(str, sources.glob("*.c")))
+    library = folder / "scarfmt" / "native" / "native.so"
+    settings = tomllib.loads((REPOSITORY / "pyproject.toml").read_text())["tool"]["setuptools"]["ext-modules"][0]
+    files = [str(sources / Path(name).name) for name in settings["sources"]]
     subprocess.run(["gcc", "-shared", "-fPIC", *FLAGS, "-o", str(library), *files], check=True)
     return library
 
@@ -64,30 +63,12 @@ def run_under_sanitizers(arguments: list[str], folder: Path = BUILD) -> int:
 
 
 def inputs(files: list[Seed], seed: int) -> Iterator[tuple[str, bytes]]:
-    """(name, bytes) of every file as it is, then mutants and deep mutants without end."""
+    """(name, bytes) of every file as it is, then mutants of any kind and deep ones by turns, without end."""
     yield from ((file.name, file.data) for file in files)
-    datas = [file.data for file in files]
-    # Reading takes longer the larger a file is: small ones are where most is learnt in a second.
-    weights = [1 / (500 + len(data)) for data in datas]
-    number = 0
-    while True:
-        rng = Random(f"{seed}/{number}")
-        file = rng.choices(files, weights)[0]
-        mutant = (_deep if number % 2 else mutate)(file.data, rng.getrandbits(32), datas)
-        yield f"{number} {file.name} {'+'.join(mutant.operators)}", mutant.data
-        number += 1
-
-
-def _deep(data: bytes, seed: int, others: list[bytes]) -> Mutant:
-    """One to three changes inside blocks, and every checksum right."""
-    rng = Random(seed)
-    names: list[str] = []
-    for _ in range(rng.randint(1, 3)):
-        if not is_file(data):
-            break
-        mutant = mutate(data, rng.getrandbits(32), others, rng.choice(DEEP))
-        data, names = mutant.data, [*names, *mutant.operators]
-    return Mutant(resealed(data) if is_file(data) else data, tuple(names), True)
+    kinds = Inputs(files, seed), Inputs([file for file in files if not decoded(file.data)], seed, "deep")
+    for number in itertools.count():
+        one = kinds[number % 2](number)
+        yield one.name, one.mutant.data
 
 
 def work(folder: Path, seed: int, minutes: float) -> int:
@@ -113,8 +94,8 @@ def work(folder: Path, seed: int, minutes: float) -> int:
         validated(data)
         if count % _TRUNCATE_EVERY == 0:
             truncated(data)
-    if str(folder / "scarfmt" / "kernel" / "native.so") not in Path("/proc/self/maps").read_text():
-        print("the kernel with sanitizers was never loaded", file=sys.stderr)
+    if str(folder / "scarfmt" / "native" / "native.so") not in Path("/proc/self/maps").read_text():
+        print("the library with sanitizers was never loaded", file=sys.stderr)
         return 1
     print(f"{outcomes.total()} files ({len(files)} of the corpus), {dict(outcomes)}: no report")
     return 0

@@ -38,11 +38,11 @@ def decoded(data: bytes) -> str:
     return ""
 
 
-def decoded_by(data: bytes, engine: str) -> str:
+def decoded_by(data: bytes, native: bool) -> str:
     """The result of one engine for all layers: the SHA-256 of all arrays, types and shapes included, or the refusal
     id."""
     try:
-        arrays = decode(data, backend=engine).arrays()
+        arrays = decode(data, native=native).arrays()
     except ScarError as error:
         return error.refusal
     total = hashlib.sha256()

@@ -2,24 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from reference_decoder.explicit import CHUNK, network_outputs
-from scarfmt.arrays import F32, F64, I16, I64, Bools, Floats
-from scarfmt.blocks.mlp import QuantisedMlp
-from scarfmt.coding.models import SceneModels
-from scarfmt.container.schema import Stream
-from scarfmt.counters import Counters
+from reference_decoder.reconstruct import NETWORKS
+from scarfmt.arrays import F64, I64, Floats
 from scarfmt.errors import InvalidInput
 from scarfmt.scene.activation import opacity_logits
 from scarfmt.scene.gaussians import AnchorModel, GaussianScene, Mlp
 
-NETWORKS = ("opacity", "cov", "color")
+CHUNK = 1 << 14
+"""Anchors at a time; the networks' hidden layers of so many rows fit in the caches."""
 SH_C0 = 0.28209479177387814
 """Degree-0 spherical harmonic: colour = 0.5 + SH_C0 * coefficient."""
 
@@ -39,44 +35,6 @@ class CameraGaussians:
     colours: Floats
     anchors: I64
     slots: I64
-
-
-def decoded_model(
-    positions: F64,
-    values: Mapping[Stream, F32],
-    models: SceneModels,
-    slots: Bools,
-    indices: I16,
-    stages: I64,
-    dtype: type = np.float32,
-    counters: Counters | None = None,
-) -> AnchorModel:
-    """The anchor model of N decoded anchors.
-
-    Args:
-        positions: (N, 3) float64.
-        values: SCALE (N, 6) and OFFSETS (N, K, 3) float32.
-        models: codebooks and networks.
-        slots: (N, K) bool, slots that are on.
-        indices: (N, M) int16 codeword numbers.
-        stages: (N,) int64 stages received.
-        dtype: of the features: float32, or float64 for the reference.
-        counters: of the latent decoder's multiply-adds.
-    """
-    assert models.decoder is not None  # layer 1 of the anchor profile has one (SPEC §6.5)
-    features: NDArray[Any] = np.zeros((len(positions), models.decoder.outputs), dtype)
-    for first in range(0, len(positions), CHUNK):
-        rows = slice(first, first + CHUNK)
-        features[rows] = network_outputs(models, values.get(Stream.LATENT), indices, stages, rows, dtype, counters)
-    mlps = {name: _perceptron(network, dtype) for name, network in zip(NETWORKS, models.scene_mlps, strict=True)}
-    return AnchorModel(positions, features, values[Stream.OFFSETS], values[Stream.SCALE], mlps, slots)
-
-
-def _perceptron(network: QuantisedMlp, dtype: type) -> Mlp:
-    first, second = network.layers
-    with np.errstate(over="ignore"):  # a weight may be any product of two finite numbers
-        matrices: tuple[Floats, Floats] = first.matrix.astype(dtype), second.matrix.astype(dtype)
-    return Mlp(matrices, (first.biases.astype(dtype), second.biases.astype(dtype)))
 
 
 def gaussians(model: AnchorModel, camera_centre: Floats, dtype: type = np.float32) -> CameraGaussians:

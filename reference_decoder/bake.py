@@ -11,22 +11,31 @@ colour. What is kept per slot, with weights w_e = o_e / distance^2 (how much of 
 Slots whose opacity never reaches 1/255 are left out. Work goes in chunks of anchors. Each slot is fitted by itself, and
 what is lost is nearly all lost by its opacity, which depends on the view: :mod:`reference_decoder.refine` fits all of
 them together to pictures.
+
+Networks know the views they were trained on, and elsewhere say anything. People photograph a subject from all round, a
+little from below and more from above, and fill it with anchors more densely than what lies behind it. So without
+cameras, the eyes are 1 to 3 median distances of the anchors from their median, and look about there.
 """
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from reference_decoder.anchors import NETWORKS, log_sigmoid, outlook, run, sigmoid, slot_centres, unit_quaternions
+from reference_decoder.anchors import gaussians, log_sigmoid, outlook, run, sigmoid, slot_centres, unit_quaternions
+from reference_decoder.reconstruct import NETWORKS
 from scarfmt.arrays import F64, I64
-from scarfmt.counters import Counters, Part
+from scarfmt.coding.writer import Report, silent
 from scarfmt.errors import InvalidInput
+from scarfmt.render.camera import NEAR, Camera, look_at, upward_axes
+from scarfmt.render.viewpoints import even_numbers, upright
 from scarfmt.scene.activation import opacity_logits
-from scarfmt.scene.gaussians import AnchorModel, GaussianScene, Mlp
-from scarfmt.scene.harmonics import sh_basis
+from scarfmt.scene.gaussians import AnchorModel, GaussianScene
+from scarfmt.scene.placement import sh_basis
 from scarfmt.scene.rotation import matrix_from_quaternion, quaternion_from_matrix
 
 BAKE_CHUNK = 1 << 10
@@ -36,31 +45,89 @@ RIDGE = 0.001
 """Added to the normal matrix for the bands above 0, as a part of the sum of the weights."""
 
 
+BAKE_STEPS = 256
+DEFAULT_VIEWS = 64
+_NEAREST, _FURTHEST = 1.0, 3.0
+_LOWEST = -0.3
+"""Sine of the elevation of the lowest eye."""
+_AIM = 0.5
+"""How far from the middle a view looks at most, median distances."""
+_WIDTH, _HEIGHT, _FOV_DEG = 640, 480, 60.0
+_NEAR_PART = 0.05
+_SEED = 7
+
+
 @dataclass(frozen=True)
-class _Views:
-    """Slots m of a chunk from all eyes: opacity (E, m), covariance (E, m, 3, 3), colour (E, m, 3), all float64."""
+class Baking:
+    """How an anchor model becomes plain Gaussians.
 
-    opacity: F64
-    covariance: F64
-    colour: F64
+    Attributes:
+        views: cameras to fit for, best those the scene was captured from; without any,
+            :func:`default_views`.
+        steps: of refining, one picture each (:mod:`reference_decoder.refine`), which needs the extra `render`; with 0,
+            each Gaussian is fitted by itself.
+        sh_degree: of the fitted spherical harmonics, 0..3.
+    """
+
+    views: Sequence[Camera] = ()
+    steps: int = BAKE_STEPS
+    sh_degree: int = 2
 
 
-def comments(eyes: int, steps: int, sh_degree: int) -> tuple[str, ...]:
-    """Header comments that say what a baked PLY is."""
-    return (
-        "baked from a .scar anchor model; lossy, view dependence fitted",
-        f"fitted over {eyes} eyes in {steps} steps, spherical harmonics of degree {sh_degree}",
-    )
+def bake_model(model: AnchorModel, baking: Baking, report: Report = silent) -> tuple[GaussianScene, tuple[str, ...]]:
+    """The Gaussians that anchors, one at least, are baked into, and comments that say how.
+
+    Args:
+        model: with all three networks.
+        baking: how.
+        report: called with (stage, fraction done) while Gaussians are refined.
+
+    Raises:
+        InvalidInput: ``input-mlp`` when a network is missing.
+    """
+    views = baking.views or default_views(model)
+    scene = bake(model, np.array([view.centre for view in views]), baking.sh_degree)
+    if baking.steps:
+        from reference_decoder.refine import refined
+
+        scene = refined(model, scene, views, baking.steps, report)
+    fitted = f"{len(views)} eyes in {baking.steps} steps, spherical harmonics of degree {baking.sh_degree}"
+    return scene, ("baked from a .scar anchor model; lossy, view dependence fitted", f"fitted over {fitted}")
 
 
-def bake(model: AnchorModel, eyes: F64, sh_degree: int = 2, counters: Counters | None = None) -> GaussianScene:
+def default_views(model: AnchorModel, count: int = DEFAULT_VIEWS) -> list[Camera]:
+    """Cameras round a model, the same for the same model.
+
+    Args:
+        model: at least one anchor, and all three networks.
+        count: of views of 640x480 pixels.
+
+    Raises:
+        InvalidInput: ``input-mlp`` when a network is missing.
+    """
+    middle = np.median(model.anchors, axis=0)
+    radius = float(np.median(np.linalg.norm(model.anchors - middle, axis=1))) or 1.0
+    axes = upward_axes(upright(gaussians(model, middle).scene).up)
+    views = []
+    for number, u in enumerate(even_numbers(count, 6, _SEED), 1):
+        distance = radius * _NEAREST * (_FURTHEST / _NEAREST) ** float(u[0])
+        height = _LOWEST + (1 - _LOWEST) * float(u[1])
+        azimuth, level = 2 * math.pi * float(u[2]), math.sqrt(1 - height * height)
+        towards = np.array([level * math.cos(azimuth), level * math.sin(azimuth), height]) @ axes
+        target = middle + _AIM * radius * (2 * u[3:6] - 1)
+        near = min(NEAR, _NEAR_PART * radius)
+        eye = middle + distance * towards
+        views.append(look_at(eye, target, axes[2], _WIDTH, _HEIGHT, _FOV_DEG, f"baking {number}", near))
+    return views
+
+
+def bake(model: AnchorModel, eyes: F64, sh_degree: int = 2) -> GaussianScene:
     """Fit view-independent Gaussians to an anchor model.
 
     Args:
         model: a decoded or imported model with all three networks.
         eyes: (E, 3) float64 camera centres, at least one; those the scene was captured from fit best.
         sh_degree: of the fitted spherical harmonics, 0..3.
-        counters: of the networks' multiply-adds.
 
     Returns:
         Slots ever drawn from an eye, in anchor then slot order.
@@ -74,20 +141,14 @@ def bake(model: AnchorModel, eyes: F64, sh_degree: int = 2, counters: Counters |
     if not set(NETWORKS) <= set(model.mlps):
         raise InvalidInput("input-mlp", f"an anchor model needs the networks {', '.join(NETWORKS)}", field="mlps")
     parts = [
-        _bake_chunk(model, np.arange(first, min(first + BAKE_CHUNK, len(model))), eyes, sh_degree, counters)
+        _bake_chunk(model, np.arange(first, min(first + BAKE_CHUNK, len(model))), eyes, sh_degree)
         for first in range(0, max(len(model), 1), BAKE_CHUNK)
     ]
     fields = ("positions", "log_scales", "rotations", "opacity_logits", "sh")
     return GaussianScene(*(np.concatenate([getattr(part, name) for part in parts]) for name in fields))
 
 
-def _multiply_adds(mlp: Mlp) -> int:
-    return sum(weights.size for weights in mlp.weights)
-
-
-def _bake_chunk(model: AnchorModel, rows: I64, eyes: F64, sh_degree: int, counters: Counters | None) -> GaussianScene:
-    if counters is not None:
-        counters.multiply(Part.SCENE_NETWORKS, len(rows) * len(eyes), sum(map(_multiply_adds, model.mlps.values())))
+def _bake_chunk(model: AnchorModel, rows: I64, eyes: F64, sh_degree: int) -> GaussianScene:
     inputs = [outlook(model, rows, eye, np.float32) for eye in eyes]
     opacity = np.stack([np.tanh(run(model.mlps["opacity"], x)) for x in inputs]).astype(np.float64)
     opacity = np.maximum(opacity, 0.0)
@@ -95,14 +156,15 @@ def _bake_chunk(model: AnchorModel, rows: I64, eyes: F64, sh_degree: int, counte
         opacity *= model.slot_mask[rows]
     anchor, slot = np.nonzero(opacity.max(axis=0) >= MIN_OPACITY)
     centres = slot_centres(model, rows[anchor], slot)
-    views = _views(model, rows, inputs, opacity, anchor, slot)
+    covariances, colours = _seen(model, rows, inputs, anchor, slot)
+    opacity = opacity[:, anchor, slot]
     towards = centres - eyes[:, None, :]
     square = np.maximum((towards * towards).sum(axis=2), 1e-300)
     near = square.min(axis=0, initial=np.inf) / square
-    weights = views.opacity * near
-    fitted = (views.opacity * near).sum(axis=0) / near.sum(axis=0)
-    scales, rotations = _mean_shape(views.covariance, weights)
-    sh = _fit_colour(towards / np.sqrt(square)[:, :, None], views.colour, weights, sh_degree)
+    weights = opacity * near
+    fitted = weights.sum(axis=0) / near.sum(axis=0)
+    scales, rotations = _mean_shape(covariances, weights)
+    sh = _fit_colour(towards / np.sqrt(square)[:, :, None], colours, weights, sh_degree)
     logits = opacity_logits(np.log(fitted))
     single = np.float32
     return GaussianScene(
@@ -110,9 +172,8 @@ def _bake_chunk(model: AnchorModel, rows: I64, eyes: F64, sh_degree: int, counte
     )
 
 
-def _views(
-    model: AnchorModel, rows: I64, inputs: list[NDArray[np.floating]], opacity: F64, anchor: I64, slot: I64
-) -> _Views:
+def _seen(model: AnchorModel, rows: I64, inputs: list[NDArray[np.floating]], anchor: I64, slot: I64) -> tuple[F64, F64]:
+    """(E, m, 3, 3) covariances and (E, m, 3) colours of the slots of a chunk from all eyes."""
     covariances, colours = [], []
     for x in inputs:
         shape = run(model.mlps["cov"], x).reshape(len(rows), model.slots, 7)[anchor, slot].astype(np.float64)
@@ -120,7 +181,7 @@ def _views(
         lengths = np.exp(model.log_scaling[rows[anchor], 3:6] + log_sigmoid(shape[:, :3]))
         axes = matrix_from_quaternion(unit_quaternions(shape[:, 3:])) * lengths[:, None, :]
         covariances.append(axes @ axes.transpose(0, 2, 1))
-    return _Views(opacity[:, anchor, slot], np.stack(covariances), np.stack(colours).astype(np.float64))
+    return np.stack(covariances), np.stack(colours).astype(np.float64)
 
 
 def _mean_shape(covariances: F64, weights: F64) -> tuple[F64, F64]:

@@ -1,130 +1,349 @@
 """Decoding a file, or the parts of it that a request names, in memory or tile by tile.
 
-Of the file only the bytes needed are read. The values are those that decoding the whole file gives.
+Of the file only the bytes needed are read. The values are those that decoding the whole file gives. The C library
+decodes where there is one; what it refuses is read again by the definition in NumPy, which explains the refusal.
 """
 
 from __future__ import annotations
 
+import os
+import zlib
 from collections import deque
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import dataclass
 from functools import cached_property
-from typing import TypeVar, Unpack
+from typing import Any, TypeVar
 
 import numpy as np
 
-from reference_decoder import explicit
-from reference_decoder.backends import backend as engine_of
-from reference_decoder.decoded import Decoded, joined, tile_part
+from reference_decoder.decoded import Decoded, check_attributes, empty_anchors
 from reference_decoder.region import tiles_meeting
-from reference_decoder.request import DecodeRequest, RequestFields, requested
-from scarfmt.arrays import I64
-from scarfmt.coding.reader import ALL_STREAMS, Act, SceneReader
-from scarfmt.coding.tile import TileContent
-from scarfmt.container.directory import tile_frame
+from scarfmt.arrays import F64, I64
+from scarfmt.coding.models import SceneModels
+from scarfmt.coding.reader import ALL_STREAMS, SceneReader, TileBlocks
+from scarfmt.coding.tile import needed_streams
 from scarfmt.container.schema import Profile, Stream
 from scarfmt.container.source import ByteSource, Origin, opened
-from scarfmt.counters import Counters, transfers
-from scarfmt.errors import LimitExceeded
-from scarfmt.limits import Limits
+from scarfmt.counters import Counters
+from scarfmt.errors import InvalidInput, LimitExceeded
+from scarfmt.limits import DEFAULT_LIMITS, FREE_WORK, Limits
+from scarfmt.native.binding import library
+from scarfmt.native.file import NativeFile, NativeTile
+from scarfmt.scene.description import Description
 from scarfmt.scene.gaussians import AnchorModel, GaussianScene
 from scarfmt.scene.streams import ATTRIBUTES
 
+Box = tuple[Sequence[float], Sequence[float]]
 T = TypeVar("T")
+M = TypeVar("M", Decoded, GaussianScene)
+
+
+@dataclass(frozen=True, kw_only=True)
+class DecodeRequest:
+    """The part of a file to decode, and how. The values are those of decoding the whole file.
+
+    Attributes:
+        layers: layers to decode, from the first; None for all that are there.
+        tiles: tile indices, in the order wanted; None for all.
+        box: lowest and highest world coordinates; anchors (not Gaussians) outside are left out, and tiles that
+            cannot hold any inside are not read.
+        attributes: names of `scarfmt.scene.streams.ATTRIBUTES`; None for all. Classes and lattice positions are
+            always read.
+        limits: what to accept of the file (SPEC §13).
+        threads: tiles decoded side by side, 1 or more; the result does not depend on it. None for as many as the
+            process may use processors.
+        allow_truncated: use the whole layers of a file cut short instead of refusing it.
+        native: whether the C library decodes where there is one; the result does not depend on it.
+    """
+
+    layers: int | None = None
+    tiles: Sequence[int] | None = None
+    box: Box | None = None
+    attributes: Collection[str] | None = None
+    limits: Limits = DEFAULT_LIMITS
+    threads: int | None = None
+    allow_truncated: bool = False
+    native: bool = True
+
+    def names(self) -> frozenset[str]:
+        """The attributes to decode: a box needs positions, whatever else is asked for.
+
+        Raises:
+            InvalidInput: ``input-attributes`` for a name that no attribute has.
+        """
+        names = frozenset(ATTRIBUTES if self.attributes is None else self.attributes)
+        if not names <= set(ATTRIBUTES):
+            unknown = ", ".join(sorted(names - set(ATTRIBUTES)))
+            raise InvalidInput("input-attributes", f"no attribute {unknown}; choose from {', '.join(ATTRIBUTES)}")
+        return names if self.box is None else names | {"positions"}
+
+    def corners(self) -> tuple[F64, F64] | None:
+        """The (3,) float64 lowest and highest corner of the box, None without one.
+
+        Raises:
+            InvalidInput: ``input-box`` when these are not three coordinates each, the lowest first.
+        """
+        if self.box is None:
+            return None
+        low, high = (np.asarray(corner, np.float64) for corner in self.box)
+        if low.shape != (3,) or high.shape != (3,) or not bool((low <= high).all()):
+            raise InvalidInput("input-box", "a box needs its 3 lowest and its 3 highest coordinates", field="box")
+        return low, high
+
+
+def requested(request: DecodeRequest | None, fields: dict[str, Any]) -> DecodeRequest:
+    """The request of a call: one given whole, or the one its keywords describe.
+
+    Raises:
+        TypeError: both were given, or a keyword that is no field.
+    """
+    if request is None:
+        return DecodeRequest(**fields)
+    if fields:
+        raise TypeError(f"give a DecodeRequest or its fields, not both: {', '.join(fields)}")
+    return request
 
 
 def decode(
-    source: Origin,
-    request: DecodeRequest | None = None,
-    *,
-    counters: Counters | None = None,
-    **fields: Unpack[RequestFields],
+    source: Origin, request: DecodeRequest | None = None, *, counters: Counters | None = None, **fields: Any
 ) -> Decoded:
     """Decode a file, or what is asked of it, into memory.
 
     Args:
         source: a path, a URL, bytes, or an open :class:`ByteSource`, which stays open.
         request: what to decode; None for what `fields` say, and without them for everything.
-        counters: what was read and computed is added to them; activating what is decoded is not part of it.
-        fields: those of :class:`~reference_decoder.request.DecodeRequest`, in place of one.
+        counters: what was read and decoded is added to them.
+        fields: those of :class:`DecodeRequest`, in place of one.
 
     Raises:
-        InvalidInput: ``input-layers``, ``input-tiles``, ``input-box``, ``input-attributes``, ``input-backend`` for
-            a request that does not fit; ``input-source`` when the source cannot be opened.
+        InvalidInput: ``input-layers``, ``input-tiles``, ``input-box``, ``input-attributes`` for a request that does not
+            fit; ``input-source`` when the source cannot be opened.
         LimitExceeded: ``limit-gathered`` where there are more anchors than :class:`~scarfmt.limits.Limits` allow to be
             held at once.
         Malformed, Unsupported, LimitExceeded: the file is refused (SPEC §12).
         TypeError: `request` and `fields` were given, or a field that there is not.
     """
-    wanted = requested(request, fields)
-    with opened(source) as stream, transfers(stream, counters):
-        decoding = Decoding.of(stream, wanted, counters)
-        return joined(decoding.parts(), decoding.empty, decoding.most_anchors)
+    with opened(source) as stream:
+        decoding = Decoding(stream, requested(request, fields), counters)
+        return decoding.whole(decoding.anchors)
 
 
 def iter_tiles(
-    source: Origin,
-    request: DecodeRequest | None = None,
-    *,
-    counters: Counters | None = None,
-    **fields: Unpack[RequestFields],
+    source: Origin, request: DecodeRequest | None = None, *, counters: Counters | None = None, **fields: Any
 ) -> Iterator[Decoded]:
     """Decode a tile at a time, so that memory does not grow with the scene. Arguments and errors of :func:`decode`.
 
     Together, in order, the parts are exactly what :func:`decode` gives. Tiles without anchors are left out. Bytes are
     counted when the last part was taken. Nothing is read or refused before the first part is asked for.
     """
-    wanted = requested(request, fields)
-    with opened(source) as stream, transfers(stream, counters):
-        yield from Decoding.of(stream, wanted, counters).parts()
-
-
-def iter_made(
-    source: Origin,
-    request: DecodeRequest,
-    make: Callable[[Decoded, Counters | None], T],
-    counters: Counters | None = None,
-) -> Iterator[T]:
-    """The result of `make` for each part of :func:`iter_tiles` and the counters of its work, in the thread that decoded
-    it.
-
-    It never makes None.
-    """
-    with opened(source) as stream, transfers(stream, counters):
-        yield from Decoding.of(stream, request, counters).made(make)
+    with opened(source) as stream:
+        decoding = Decoding(stream, requested(request, fields), counters)
+        yield from decoding.parts(decoding.anchors)
 
 
 def decode_scene(
-    source: Origin,
-    request: DecodeRequest | None = None,
-    *,
-    counters: Counters | None = None,
-    **fields: Unpack[RequestFields],
+    source: Origin, request: DecodeRequest | None = None, *, counters: Counters | None = None, **fields: Any
 ) -> GaussianScene | AnchorModel:
-    """The scene of a file. It equals the `scene` of :func:`decode`, but the exact values are not kept.
+    """The scene of a file: the `scene` of :func:`decode` within the tolerances of SPEC §9.5, without its exact values.
 
     Half the memory and the time. Arguments and errors of :func:`decode`; all attributes are needed.
 
     Returns:
         Gaussians, or in the anchor profile a model that makes them for a camera.
     """
-    wanted = requested(request, fields)
-    with opened(source) as stream, transfers(stream, counters):
-        decoding = Decoding.of(stream, wanted, counters)
-        all_attributes = len(decoding.attributes) == len(ATTRIBUTES)
-        if decoding.explicit and decoding.box is None and all_attributes and not _twice(decoding.tiles):
-            return decoding.scene()
-        return joined(decoding.parts(), decoding.empty, decoding.most_anchors).activated(counters=counters)
+    with opened(source) as stream:
+        decoding = Decoding(stream, requested(request, fields), counters)
+        if decoding.reader.header.fields.profile == Profile.EXPLICIT:
+            return decoding.whole(decoding.gaussians)
+        return decoding.whole(decoding.anchors).activated()
 
 
-def reader_for(source: ByteSource, request: DecodeRequest) -> SceneReader:
-    """A reader of a file, with the limits and the engine of a request.
+class Decoding:
+    """A request checked against the file it is made of. :meth:`whole` or :meth:`parts` answers it, once.
+
+    Attributes:
+        reader: of the file.
+        tiles: those asked for of which the file says anything.
+        counts: (n,) int64 anchors of each of them after the last layer decoded, without regard to a box.
+
+    Args:
+        source: the file.
+        request: what to decode.
+        counters: what is read and decoded is added to them.
 
     Raises:
-        InvalidInput: ``input-backend``.
-        Malformed, Unsupported, LimitExceeded: the front of the file is refused (SPEC §12).
+        As :func:`decode`.
     """
-    engine = engine_of(request.backend)
-    return SceneReader(source, limits=request.limits, allow_truncated=request.allow_truncated, engine=engine)
+
+    def __init__(self, source: ByteSource, request: DecodeRequest, counters: Counters | None) -> None:
+        self._read_before = source.bytes_read, source.reads
+        self.attributes, self.box = request.names(), request.corners()
+        self.request = request
+        self.counters = Counters() if counters is None else counters
+        self.reader = SceneReader(source, limits=request.limits, allow_truncated=request.allow_truncated)
+        self.layers = self.reader.layer_number(request.layers)
+        self._chosen = choose_tiles(self.reader, request)
+        everything = request.tiles is None and request.box is None
+        self.reader.container.load(self.layers, None if everything else self._chosen.tolist())
+        self._payloads = self.reader.model_payloads(self.layers)
+        self.counters.model_blocks += len(self._payloads)
+        self._native = self._open() if request.native else None
+        if self._native is None:
+            _ = self.models
+        # Tiles of which nothing is said would be empty parts.
+        filled = self._chosen[self.reader.container.have_blocks(self.layers, self._chosen)]
+        self.tiles: list[int] = filled.tolist()
+        self.counts: I64 = self.reader.container.tile_counts(self.layers, filled).sum(axis=1)
+
+    @cached_property
+    def models(self) -> SceneModels:
+        """The models as they are defined: what explains a refusal, and what is in them.
+
+        Raises:
+            Malformed, LimitExceeded: they are refused, or the work that the file declares.
+        """
+        return self.reader.models_of(self.layers, self._payloads, self._chosen.tolist())
+
+    def _open(self) -> NativeFile | None:
+        """The file in the C library; None where there is no library, or where it refuses a model."""
+        native, header, limits = library(), self.reader.header, self.request.limits
+        if native is None:
+            return None
+        blocks = {(entry.layer, entry.kind): payload for entry, payload in self._payloads.items()}
+        found = NativeFile(native, header.fields, header.file_length, self.layers, blocks)
+        if found.refusal is not None:
+            return None
+        declared = self.reader.extent(self.layers, self._chosen)
+        work = found.work(declared.tiles, declared.anchors, declared.splits)
+        most = FREE_WORK + limits.work_per_byte * header.file_length
+        # The library knows the usual limit of contents alone, and leaves the work of networks to the definition.
+        if not 0 <= work <= most or limits.content_per_byte < DEFAULT_LIMITS.content_per_byte:
+            _ = self.models
+        return found
+
+    @cached_property
+    def streams(self) -> frozenset[Stream]:
+        """Sub-streams to read."""
+        if len(self.attributes) == len(ATTRIBUTES):
+            return ALL_STREAMS
+        # Latents are the sum of two streams; either alone means nothing.
+        refined = {Stream.LATENT} if "latents" in self.attributes else set()
+        return frozenset(ATTRIBUTES[name] for name in self.attributes) | refined
+
+    @cached_property
+    def _needed(self) -> frozenset[Stream]:
+        """Sub-streams that are read to decode those asked for."""
+        if self.streams == ALL_STREAMS:
+            return self.streams
+        neural = self.models.neural(indices=Stream.INDICES in self.streams)[-1]
+        return self.streams | needed_streams(self.models.model, self.streams, neural)
+
+    def anchors(self, count: int) -> Decoded:
+        """Room for the values of anchors."""
+        if self._native is not None:
+            channels, stages = self._native.channels, self._native.stages
+        else:
+            model = self.models.model
+            channels, stages = [(channel.stream, channel.components) for channel in model.channels], model.max_stages
+        fields, load = self.reader.header.fields, self._load_models
+        return empty_anchors(fields, self.layers, load, channels, stages, count, self.attributes, self.streams)
+
+    def _load_models(self) -> SceneModels:
+        return self.models
+
+    def gaussians(self, count: int) -> GaussianScene:
+        """Room for Gaussians of the explicit profile.
+
+        Raises:
+            InvalidInput: ``input-attributes``: some are left out.
+        """
+        check_attributes(self.attributes, ATTRIBUTES)
+        coefficients = (self.reader.header.fields.sh_degree + 1) ** 2
+        rows = [np.empty((count, *shape), np.float32) for shape in ((3,), (4,), (), (coefficients, 3))]
+        return GaussianScene(np.empty((count, 3)), *rows, description=Description.of_header(self.reader.header.fields))
+
+    def whole(self, room: Callable[[int], M]) -> M:
+        """All that was asked for, each number written once, where it stays.
+
+        Args:
+            room: :meth:`anchors` or :meth:`gaussians`.
+
+        Raises:
+            LimitExceeded: ``limit-gathered``: it is more than this reader holds at once.
+        """
+        counts = self.counts
+        check_gathered(int(counts.sum()), self.reader.header.fields.slots, self.request.limits)
+        out, ends = room(int(counts.sum())), np.cumsum(counts).tolist()
+        parts = (out.rows(slice(end - count, end)) for end, count in zip(ends, counts.tolist(), strict=True))
+        deque(self._fill(parts), maxlen=0)
+        return out if self.box is None else crop(out, self.box)
+
+    def parts(self, room: Callable[[int], M]) -> Iterator[M]:
+        """What was asked for, one tile at a time; never an empty part. The argument of :meth:`whole`."""
+        found = self._fill(map(room, self.counts.tolist()))
+        return filter(len, found if self.box is None else (crop(made, self.box) for made in found))
+
+    def _fill(self, rooms: Iterable[M]) -> Iterator[M]:
+        """The rooms of the tiles, in order, filled in on as many threads as were requested."""
+        affinity = getattr(os, "sched_getaffinity", None)  # not on all systems
+        processors = len(affinity(0)) if affinity is not None else os.cpu_count() or 1
+        tiles = zip(self.tiles, self.reader.supply(self.layers, self.tiles, self.streams), rooms, strict=True)
+        try:
+            for blocks, made in _side_by_side(self._fill_one, tiles, self.request.threads or processors):
+                entries = [entry for entry, _ in blocks if entry is not None]
+                self.counters.tile_blocks += len(entries)
+                self.counters.tiles += 1
+                self.counters.anchors += sum(entry.count for entry in entries)
+                yield made
+        finally:
+            source = self.reader.container.source
+            self.counters.bytes_read += source.bytes_read - self._read_before[0]
+            self.counters.reads += source.reads - self._read_before[1]
+
+    def _fill_one(self, tile: int, blocks: TileBlocks, out: M) -> tuple[TileBlocks, M]:
+        found = None if self._native is None else self._native_tile(self._native, tile, blocks)
+        if found is not None and isinstance(out, GaussianScene):
+            found.put(out)
+        elif found is not None:
+            out.put_native(tile, found)
+        else:
+            made = self.anchors(len(out)) if isinstance(out, GaussianScene) else out
+            content = self.reader.tile(self.models, tile, blocks, self.streams)
+            made.put_content(self.reader, self.models.model, tile, content)
+            if isinstance(out, GaussianScene):
+                scene = made.activated()
+                assert isinstance(scene, GaussianScene)
+                out.assign(scene)
+        return blocks, out
+
+    def _native_tile(self, native: NativeFile, tile: int, blocks: TileBlocks) -> NativeTile | None:
+        """A tile read in C; None if it has a fault."""
+        given = []
+        for entry, payload in blocks:
+            if entry is not None and payload is None:
+                payload = self.reader.read_parts(entry, self._needed, self.models.model)
+            elif entry is not None and payload is not None and zlib.crc32(payload) != entry.crc32:
+                return None
+            given.append((entry.count if entry else 0, payload))
+        return native.tile(self.reader.container.tile(tile), given, self._needed)
+
+
+def choose_tiles(reader: SceneReader, request: DecodeRequest) -> I64:
+    """The tiles of a request, in its order: those named, or all, that may have something in its box.
+
+    Raises:
+        InvalidInput: ``input-tiles``, ``input-box``.
+    """
+    tiles, box = np.array(reader.check_tiles(request.tiles), np.int64), request.corners()
+    return tiles if box is None else tiles[tiles_meeting(reader, box)[tiles]]
+
+
+def crop(made: M, box: tuple[F64, F64]) -> M:
+    """What of it lies in a box."""
+    at = made.positions
+    assert at is not None  # a box needs them
+    return made.take(np.asarray(((at >= box[0]) & (at <= box[1])).all(axis=1)))
 
 
 def check_gathered(anchors: int, slots: int, limits: Limits) -> None:
@@ -142,146 +361,23 @@ def check_gathered(anchors: int, slots: int, limits: Limits) -> None:
             raise LimitExceeded("limit-gathered", f"{message}tile by tile (iter_tiles), or raise it")
 
 
-def _twice(tiles: Sequence[int]) -> bool:
-    """Whether a tile is asked for more than once."""
-    return len(set(tiles)) < len(tiles)
-
-
-class Decoding:
-    """A request checked against the file it is made of.
-
-    Args:
-        reader: of the file, made for the request's limits and backend.
-        request: what to decode.
-        counters: what is computed is added to them.
-
-    Raises:
-        As :func:`decode`.
-    """
-
-    def __init__(self, reader: SceneReader, request: DecodeRequest, counters: Counters | None) -> None:
-        self.attributes = request.names()
-        self.box = request.corners()
-        self.reader = reader
-        self.threads = request.workers
-        self.counters = counters
-        self.limits = request.limits
-        self.tiles = self._chosen(request.tiles)
-        every = request.tiles is None and request.box is None
-        self.models = self.reader.models(request.layers, counters, None if every else self.tiles)
-        self.tiles = self._filled()
-
-    @classmethod
-    def of(cls, source: ByteSource, request: DecodeRequest, counters: Counters | None) -> Decoding:
-        """A request made of the file that a source holds."""
-        return cls(reader_for(source, request), request, counters)
-
-    def _chosen(self, tiles: Sequence[int] | None) -> list[int]:
-        chosen = self.reader.check_tiles(tiles)
-        if self.box is None:
-            return chosen
-        meets = tiles_meeting(self.reader, self.box)
-        return [tile for tile in chosen if meets[tile]]
-
-    def _filled(self) -> list[int]:
-        """The tiles asked for without those of which nothing is said, which would be empty parts."""
-        tiles = np.array(self.tiles, np.int64)
-        found: list[int] = tiles[self.reader.container.have_blocks(len(self.models.model.layers), tiles)].tolist()
-        return found
-
-    @property
-    def explicit(self) -> bool:
-        """Whether the file holds Gaussians themselves."""
-        return self.reader.header.fields.profile == Profile.EXPLICIT
-
-    @property
-    def streams(self) -> frozenset[Stream]:
-        """Sub-streams to read."""
-        if len(self.attributes) == len(ATTRIBUTES):
-            return ALL_STREAMS
-        # Latents are the sum of two streams; either alone means nothing.
-        refined = {Stream.LATENT} if "latents" in self.attributes else set()
-        return frozenset(ATTRIBUTES[name] for name in self.attributes) | refined
-
-    @property
-    def empty(self) -> Decoded:
-        """No anchors, with arrays of the right shapes."""
-        return self._part(-1, TileContent.empty(self.models.model))
-
-    @property
-    def most_anchors(self) -> int:
-        """Anchors of the tiles asked for: as many as are decoded, unless a box leaves some out."""
-        return int(self._counts.sum())
-
-    @cached_property
-    def _counts(self) -> I64:
-        """(n,) int64 anchors of each tile asked for after the last layer decoded.
-
-        Raises:
-            LimitExceeded: ``limit-gathered``: they are more than this reader holds at once.
-        """
-        layers = len(self.models.model.layers)
-        counts: I64 = self.reader.container.tile_counts(layers, np.array(self.tiles, np.int64)).sum(axis=1)
-        anchors, slots = int(counts.sum()), self.reader.header.fields.slots
-        check_gathered(anchors, slots, self.limits)
-        return counts
-
-    def parts(self) -> Iterator[Decoded]:
-        """The requested parts, one tile at a time; never an empty part."""
-        for _, part in self.each(self._chosen_part):
-            if len(part):
-                yield part
-
-    def each(self, act: Act[T], tiles: Sequence[int] | None = None) -> Iterator[tuple[int, T]]:
-        """The result of `act` for each requested tile, or for `tiles`, on as many threads as were requested."""
-        wanted = self.tiles if tiles is None else tiles
-        return self.reader.each_tile(self.models, act, wanted, self.streams, self.threads, self.counters)
-
-    def made(self, make: Callable[[Decoded, Counters | None], T], tiles: Sequence[int] | None = None) -> Iterator[T]:
-        """The result of `make` for each part that is not empty, in the thread that decoded it.
-
-        Args:
-            make: makes anything but None.
-            tiles: instead of those asked for.
-        """
-
-        def act(tile: int, content: TileContent, counters: Counters | None) -> T | None:
-            part = self._chosen_part(tile, content, counters)
-            return make(part, counters) if len(part) else None
-
-        for _, found in self.each(act, tiles):
-            if found is not None:
-                yield found
-
-    def _chosen_part(self, tile: int, content: TileContent, _counters: Counters | None) -> Decoded:
-        part = self._part(tile, content)
-        if self.box is None or part.positions is None:
-            return part
-        inside = np.asarray(((part.positions >= self.box[0]) & (part.positions <= self.box[1])).all(axis=1))
-        return part if inside.all() else part.take(inside)
-
-    def _part(self, tile: int, content: TileContent) -> Decoded:
-        return tile_part(self.reader, self.models, tile, content, self.attributes, self.streams)
-
-    def scene(self) -> GaussianScene:
-        """The Gaussians of all anchors of the tiles asked for: each written once, where it stays."""
-        counts = self._counts
-        rows = {tile: slice(end - n, end) for tile, n, end in zip(self.tiles, counts, np.cumsum(counts), strict=True)}
-        degree = self.reader.header.fields.sh_degree
-        out = explicit.empty_scene(int(counts.sum()), degree)
-
-        activation = self.reader.engine.activation(self.models)
-
-        def put(tile: int, content: TileContent, counters: Counters | None) -> None:
-            here = out.rows(rows[tile])
-            if activation is None:
-                made = self._part(tile, content).activated(counters=counters)
-                assert isinstance(made, GaussianScene)
-                here.assign(made)
-            elif len(content):
-                frame = tile_frame(self.reader.header.fields, self.reader.container.tile(tile))
-                activation.put_tile(here, self.reader.lattice, frame, content)
-                explicit.count_decoder(self.models, len(content), counters)
-
-        deque(self.each(put), maxlen=0)
-        return out
+def _side_by_side(
+    act: Callable[..., T], arguments: Iterable[tuple[Any, ...]], threads: int
+) -> Iterator[T]:
+    """The result of `act` for each of the arguments, in order, on so many threads."""
+    if threads <= 1:
+        yield from (act(*each) for each in arguments)
+        return
+    with ThreadPoolExecutor(threads) as pool:
+        ahead: deque[Future[T]] = deque()
+        try:
+            for each in arguments:
+                ahead.append(pool.submit(act, *each))
+                # A slow consumer must not let all tiles of a scene pile up.
+                if len(ahead) > 2 * threads:
+                    yield ahead.popleft().result()
+            while ahead:
+                yield ahead.popleft().result()
+        finally:
+            for made in ahead:
+                made.cancel()

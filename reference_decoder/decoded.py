@@ -5,30 +5,26 @@ The order of anchors is normative: by tile, then layer of first appearance, then
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, fields
 from functools import cached_property
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from reference_decoder import explicit
-from reference_decoder.anchors import decoded_model
-from reference_decoder.dequantise import latents, offset_values, positions
+from reference_decoder import reconstruct
 from scarfmt.arrays import F32, F64, I16, I32, I64, U8
-from scarfmt.codecs.channels import cell_widths
-from scarfmt.coding.engine import NUMPY_ENGINE, Engine
 from scarfmt.coding.models import SceneModels
 from scarfmt.coding.reader import ALL_STREAMS, SceneReader
 from scarfmt.coding.tile import TileContent
-from scarfmt.container.directory import tile_frame
 from scarfmt.container.header import HeaderFields
 from scarfmt.container.schema import Profile, Stream
-from scarfmt.counters import Counters
-from scarfmt.errors import InvalidInput
+from scarfmt.errors import InvalidInput, plural
+from scarfmt.native.file import NativeTile, What
+from scarfmt.scene.description import Description
 from scarfmt.scene.gaussians import AnchorModel, GaussianScene
-from scarfmt.scene.model import Channel
+from scarfmt.scene.model import SceneModel
 from scarfmt.scene.streams import ATTRIBUTES
 
 
@@ -38,7 +34,8 @@ class Decoded:
 
     Attributes:
         fields: header fields of the file.
-        models: codebooks, networks and layer table up to the layer decoded.
+        layers: layers decoded.
+        load_models: gives `models`.
         attributes: names decoded, see `ATTRIBUTES`.
         tiles: (N,) int32 index of each anchor's tile.
         classes: (N,) uint8 class of each anchor.
@@ -46,11 +43,11 @@ class Decoded:
         values: channels decoded, (N, components) float32 (offsets: (N, K, 3)), in coded units (SPEC §9.2).
         indices: (N, M) int16 codeword numbers; None unless decoded.
         slots: (N, K) bool Gaussian slots that are on; K = 0 in the explicit profile.
-        engine: what activates them.
     """
 
     fields: HeaderFields
-    models: SceneModels
+    layers: int
+    load_models: Callable[[], SceneModels]
     attributes: frozenset[str]
     tiles: I32
     classes: U8
@@ -58,15 +55,17 @@ class Decoded:
     values: dict[Stream, F32]
     indices: I16 | None
     slots: NDArray[np.bool_]
-    engine: Engine = NUMPY_ENGINE
 
     def __len__(self) -> int:
         return len(self.tiles)
 
+    def __repr__(self) -> str:
+        return f"<Decoded: {plural(len(self), 'anchor')} of {plural(self.layers, 'layer')}>"
+
     @property
-    def layers(self) -> int:
-        """Layers decoded."""
-        return len(self.models.model.layers)
+    def models(self) -> SceneModels:
+        """Codebooks, networks and layer table up to the layer decoded."""
+        return self.load_models()
 
     @property
     def stages(self) -> I64:
@@ -80,10 +79,10 @@ class Decoded:
         Raises:
             InvalidInput: ``input-attributes`` when they were not decoded.
         """
-        indices = self._decoded("latents", self.indices)
+        books, indices, stages = self._codewords()
         dimension = self.models.decoder.inputs if self.models.decoder else 0
         refinements = self.values.get(Stream.LATENT) if dimension else None
-        return latents(self.models.codebooks, indices, self.stages, refinements, dimension)
+        return reconstruct.latents(books, indices, stages, refinements, dimension)
 
     @cached_property
     def scene(self) -> GaussianScene | AnchorModel:
@@ -94,142 +93,113 @@ class Decoded:
         """
         return self.activated()
 
-    def activated(self, dtype: type = np.float32, counters: Counters | None = None) -> GaussianScene | AnchorModel:
-        """The `scene` computed in `dtype`. In float64 it is the reference of the tolerances (SPEC §9.5).
-
-        Args:
-            dtype: of the result.
-            counters: the latent decoder's multiply-adds are added to them.
-        """
-        missing = [name for name in ATTRIBUTES if name not in self.attributes]
-        if missing:
-            message = f"a scene needs all attributes, {', '.join(missing)} were left out"
-            raise InvalidInput("input-attributes", message, field="attributes")
-        at, indices = self._decoded("positions", self.positions), self._decoded("latents", self.indices)
+    def activated(self, dtype: type = np.float32) -> GaussianScene | AnchorModel:
+        """The `scene` computed in `dtype`. In float64 it is the reference of the tolerances (SPEC §9.5)."""
+        check_attributes(self.attributes, ATTRIBUTES)
+        assert self.positions is not None
+        models, codewords = self.models, self._codewords()
         if self.fields.profile == Profile.ANCHOR:
-            return decoded_model(at, self.values, self.models, self.slots, indices, self.stages, dtype, counters)
-        degree = self.fields.sh_degree
-        activation = self.engine.activation(self.models) if dtype is np.float32 else None
-        return explicit.gaussians(
-            at, self.values, self.models, degree, indices, self.stages, dtype, counters, activation
-        )
+            assert models.decoder is not None  # layer 1 of the anchor profile has one (SPEC §6.5)
+            networks = models.decoder, models.scene_mlps
+            return reconstruct.anchor_model(self.positions, self.values, self.slots, *networks, codewords, dtype)
+        degree, decoder = self.fields.sh_degree, models.decoder
+        described = Description.of_header(self.fields)
+        return reconstruct.explicit_scene(self.positions, self.values, degree, decoder, codewords, described, dtype)
 
-    def _decoded(self, name: str, values: NDArray[Any] | None) -> NDArray[Any]:
-        if values is None:
-            raise InvalidInput("input-attributes", f"{name} were left out of this decode", field="attributes")
-        return values
+    def _codewords(self) -> reconstruct.Codewords:
+        check_attributes(self.attributes, ["latents"])
+        assert self.indices is not None
+        return self.models.codebooks, self.indices, self.stages
 
-    def take(self, index: NDArray[np.generic]) -> Decoded:
-        """The anchors at `index` (integer or boolean, as numpy indexing), in that order."""
-        return self._mapped(lambda array: array[index])
+    def take(self, index: NDArray[np.generic] | slice) -> Decoded:
+        """The anchors at `index` (as numpy indexing), in that order; of a slice, views of them."""
 
-    def resized(self, count: int) -> Decoded:
-        """The first `count` anchors in arrays of their own; what is not there yet is undefined."""
+        def chosen(value: Any) -> Any:
+            if isinstance(value, dict):
+                return {stream: values[index] for stream, values in value.items()}
+            return value[index] if isinstance(value, np.ndarray) else value
 
-        def resize(array: NDArray[Any]) -> NDArray[Any]:
-            out = np.empty((count, *array.shape[1:]), array.dtype)
-            out[: len(array)] = array[:count]
-            return out
+        return Decoded(*(chosen(getattr(self, field.name)) for field in fields(self)))
 
-        return self._mapped(resize)
+    rows = take
 
     def arrays(self) -> list[NDArray[Any]]:
         """All arrays that were decoded, always in the same order."""
         optional = [array for array in (self.positions, self.indices) if array is not None]
         return [self.tiles, self.classes, *optional, *self.values.values(), self.slots]
 
-    def _mapped(self, act: Callable[[NDArray[Any]], NDArray[Any]]) -> Decoded:
-        return Decoded(
-            self.fields,
-            self.models,
-            self.attributes,
-            act(self.tiles),
-            act(self.classes),
-            None if self.positions is None else act(self.positions),
-            {stream: act(values) for stream, values in self.values.items()},
-            None if self.indices is None else act(self.indices),
-            act(self.slots),
-            self.engine,
-        )
+    def put_content(self, reader: SceneReader, model: SceneModel, tile: int, content: TileContent) -> None:
+        """Fill in a tile, from its integers as the reader gives them; sub-streams that were not read count as 0."""
+        self.tiles[:], self.classes[:], self.slots[:] = tile, content.classes, content.slot_layers > 0
+        values = reconstruct.channel_arrays(model, content)
+        for stream, array in self.values.items():
+            array[:] = values[stream]
+        if self.positions is not None and len(content):
+            apart = reconstruct.residuals(model, content)
+            self.positions[:] = reconstruct.positions(reader.lattice, reader.container.tile(tile), content.codes, apart)
+        if self.indices is not None:
+            self.indices[:] = content.indices
+
+    def put_native(self, tile: int, found: NativeTile) -> None:
+        """Fill in a tile that the C library has read; the same as :meth:`put_content`."""
+        self.tiles[:] = tile
+        found.put_numbers(What.CLASSES, np.int64, self.classes)
+        found.put_numbers(What.SLOTS, np.uint8, self.slots)
+        for index, (stream, _) in enumerate(found.file.channels):
+            if stream in self.values:
+                found.put_numbers(What.VALUES, np.float32, self.values[stream], index)
+        if self.positions is not None:
+            found.put_numbers(What.POSITIONS, np.float64, self.positions)
+        if self.indices is not None:
+            found.put_numbers(What.INDICES, np.int16, self.indices)
 
 
-def tile_part(
-    reader: SceneReader,
-    models: SceneModels,
-    tile: int,
-    content: TileContent,
+def check_attributes(decoded: frozenset[str], needed: Iterable[str]) -> None:
+    """Check that what is needed was decoded.
+
+    Raises:
+        InvalidInput: ``input-attributes``.
+    """
+    missing = [name for name in needed if name not in decoded]
+    if missing:
+        message = f"a scene needs all attributes, {', '.join(missing)} were left out"
+        raise InvalidInput("input-attributes", message, field="attributes")
+
+
+def empty_anchors(
+    header: HeaderFields,
+    layers: int,
+    load_models: Callable[[], SceneModels],
+    channels: Sequence[tuple[Stream, int]],
+    stages: int,
+    count: int,
     attributes: frozenset[str] = frozenset(ATTRIBUTES),
     streams: frozenset[Stream] = ALL_STREAMS,
 ) -> Decoded:
-    """The values of one tile, from its integers.
+    """Room for `count` anchors, to be filled in.
 
     Args:
-        reader: of the file.
-        models: those it was read with.
-        tile: its number; any where it holds no anchors.
-        content: as the reader gives it.
-        attributes: names to give values of.
-        streams: the sub-streams that were read for them.
+        header, layers, load_models, attributes: as of :class:`Decoded`.
+        channels: stream and components of each.
+        stages: columns of indices.
+        count: N.
+        streams: the sub-streams that are read for the attributes.
     """
-    model = models.model
     values: dict[Stream, F32] = {}
-    residuals: Residuals | None = None
-    for index, channel in enumerate(model.channels):
-        if channel.stream not in streams:
-            continue
-        steps = model.steps(len(model.layers), index, content.classes)
-        if channel.per_slot:
-            values[channel.stream] = offset_values(content.values[index], channel.first_width)
-        elif channel.stream == Stream.POSITION_RESIDUAL:
-            residuals = channel, content.values[index], steps
-        else:
-            values[channel.stream] = reader.engine.channel_values(content.values[index], channel.first_width, steps)
+    for stream, components in channels:
+        if stream in streams and stream != Stream.POSITION_RESIDUAL:
+            shape = (count, header.slots, components) if stream == Stream.OFFSETS else (count, components)
+            values[stream] = np.empty(shape, np.float32)
+    slots = header.slots if header.profile == Profile.ANCHOR else 0
     return Decoded(
-        reader.header.fields,
-        models,
+        header,
+        layers,
+        load_models,
         attributes,
-        np.full(len(content), tile, np.int32),
-        content.classes.astype(np.uint8),
-        _positions(reader, tile, content, residuals) if "positions" in attributes else None,
+        np.empty(count, np.int32),
+        np.empty(count, np.uint8),
+        np.empty((count, 3)) if "positions" in attributes else None,
         values,
-        content.indices.copy() if "latents" in attributes else None,
-        content.slot_layers > 0,
-        reader.engine,
+        np.empty((count, stages), np.int16) if "latents" in attributes else None,
+        np.empty((count, slots), np.bool_),
     )
-
-
-Residuals = tuple[Channel, I32, I64]
-"""The channel of position residuals, (n, 3) int32 values, and the (n,) steps they are at."""
-
-
-def _positions(reader: SceneReader, tile: int, content: TileContent, residuals: Residuals | None) -> F64:
-    if not len(content):
-        return np.zeros((0, 3))
-    place = reader.container.tile(tile)
-    frame = tile_frame(reader.header.fields, place)
-    found = reader.engine.world_positions(reader.lattice, frame, content.codes, residuals)
-    if found is not None:
-        return found
-    apart = None
-    if residuals is not None:
-        channel, values, steps = residuals
-        apart = values * cell_widths(channel.first_width, steps)
-    return positions(reader.lattice, place, content.codes, apart)
-
-
-def joined(parts: Iterator[Decoded], empty: Decoded, count: int) -> Decoded:
-    """All parts as one, in order.
-
-    Args:
-        parts: made while they are joined, so that no two copies of a scene are in memory.
-        empty: no anchors, with the right types.
-        count: most anchors the parts can have.
-    """
-    whole = empty.resized(count)
-    filled = 0
-    for part in parts:
-        rows = slice(filled, filled + len(part))
-        for target, source in zip(whole.arrays(), part.arrays(), strict=True):
-            target[rows] = source
-        filled += len(part)
-    return whole if filled == count else whole.resized(filled)

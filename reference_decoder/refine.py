@@ -21,11 +21,11 @@ from scarfmt.arrays import F32, F64, I64
 from scarfmt.coding.writer import Report, silent
 from scarfmt.render.camera import Camera
 from scarfmt.render.gradients import Gradients, gradients
+from scarfmt.render.jit import each_view
 from scarfmt.render.projection import Drawable
 from scarfmt.render.rasterise import render
-from scarfmt.render.several import each_view
 from scarfmt.scene.gaussians import AnchorModel, GaussianScene
-from scarfmt.scene.harmonics import sh_basis
+from scarfmt.scene.placement import sh_basis
 
 _SAMPLES = 1 << 17
 """Pixels of a step, about."""
@@ -52,7 +52,7 @@ def refined(
     Raises:
         InvalidInput: ``input-mlp`` when a network is missing.
     """
-    scene = GaussianScene(*(np.array(values) for values in vars(baked).values()))
+    scene = baked.take(np.arange(len(baked)))
     descent = _Descent.of(scene)
     drawn = _turns(views, steps)
     for step, (view, picture) in enumerate(_pictures(model, drawn)):

@@ -5,15 +5,33 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from reference_decoder.dequantise import tile_boxes
+from reference_decoder.reconstruct import corners
 from scarfmt.arrays import F64, I64, U64
+from scarfmt.codecs.channels import REACH
 from scarfmt.coding.reader import SceneReader
+from scarfmt.container.directory import Table
 from scarfmt.container.schema import TILE_DTYPE
 from scarfmt.limits import MAX_TILE_DEPTH
 from scarfmt.scene.model import Lattice
 
 Box = tuple[F64, F64]
 """Lowest and highest corner, (3,) each, world units."""
+
+
+def tile_boxes(lattice: Lattice, tiles: Table) -> tuple[F64, F64]:
+    """(T, 3) float64 lowest and highest world coordinates anchors of each tile can have, from the tile table alone.
+
+    A tile's cube, and half a cell all round for residuals of up to one.
+
+    Args:
+        lattice: origin, voxel and bits.
+        tiles: (T,) TILE_DTYPE.
+    """
+    low = corners(lattice.bits, tiles["depth"], tiles["prefix"])
+    size = np.exp2(lattice.bits - tiles["depth"].astype(np.float64))[:, None]
+    margin = (REACH - 0.5) * np.exp2(tiles["shift"].astype(np.float64))[:, None]
+    origin = np.asarray(lattice.origin, np.float64)
+    return origin + lattice.voxel * (low - margin), origin + lattice.voxel * (low + size + margin)
 
 
 def tiles_meeting(reader: SceneReader, box: Box) -> NDArray[np.bool_]:

@@ -1,18 +1,79 @@
 """Encoding: from a scene to the bytes of a `.scar` file (encoder side; nothing here is normative).
 
-:mod:`reference_encoder.pipeline` has the stages, one after another.
+    stage                 makes           what is decided                                   in
+    profile.measure       Profile         nothing: what an error in each value shows        importance, profiles
+    profile.prepare       RdoInput        at one lambda: classes, tiles, cells, latent      profiles, rdo
+    measure_curves        RdCurve         nothing: what each step of each class costs       rdo/curves.py
+    Encoder.trial         Trial           layers, steps, contexts, all integers             rdo/layers.py, allocation.py
+    Encoder.run           Trial           lambda, and layers by pictures, until pictures    judge
+                                          are as good as asked
+    encode                Encoded         nothing: the bytes, and how good they look        streaming_block.py
+
+One currency runs through all of it: lambda, squared picture error per bit.
 """
 
 from __future__ import annotations
 
-from reference_encoder.options import EncodeOptions
-from reference_encoder.pipeline import Encoded, encoded
-from scarfmt.coding.writer import Report, silent
-from scarfmt.errors import InvalidInput
-from scarfmt.render.capture.seen import warn_of_strangers
+import warnings
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from reference_encoder.judge.quality import IncrementalJudge, Quality
+from reference_encoder.judge.rate_control import RateControl
+from reference_encoder.judge.reconstruct import reconstruct_preview
+from reference_encoder.judge.views import ViewSet
+from reference_encoder.options import EFFORTS, EncodeOptions
+from reference_encoder.profiles.anchors import AnchorProfile
+from reference_encoder.profiles.explicit import ExplicitProfile
+from reference_encoder.profiles.profile import Profile
+from reference_encoder.rdo.allocation import allocate
+from reference_encoder.rdo.curves import RdCurve, measure_curves
+from reference_encoder.rdo.lattice import check_crowd, find_far
+from reference_encoder.rdo.layers import (
+    LayeredInput,
+    Layering,
+    PreviewMetric,
+    Steps,
+    find_first_layer,
+    find_later_layers,
+    layer_by_rule,
+    price_layers,
+    split_for,
+)
+from reference_encoder.rdo.rdo_input import RdoInput
+from reference_encoder.streaming_block import build_streaming_block
+from reference_encoder.tuning import FIRST_CAP_DB
+from scarfmt.coding.writer import QuantisedScene, Report, silent, write_scene
+from scarfmt.errors import InvalidInput, LossWarning, plural
+from scarfmt.limits import MAX_ANCHORS_PER_TILE
+from scarfmt.render.camera import warn_if_cameras_miss_scene
 from scarfmt.scene.gaussians import AnchorModel, GaussianScene
 
-__all__ = ["EncodeOptions", "encode"]
+__all__ = ["EncodeOptions", "Encoded", "encode"]
+
+
+class Encoded(bytes):
+    """The bytes of a file, and how good its pictures are.
+
+    Attributes:
+        quality: of the last layer, from views that played no part in encoding.
+    """
+
+    quality: Quality
+
+    def __repr__(self) -> str:
+        return f"<Encoded: {len(self):,} bytes; {self.quality.verdict()}>"
+
+    @classmethod
+    def of(cls, data: bytes, quality: Quality) -> Encoded:
+        """Bytes with what is known of them."""
+        made = cls(data)
+        made.quality = quality
+        return made
 
 
 def encode(
@@ -20,23 +81,157 @@ def encode(
 ) -> Encoded:
     """The bytes of a file for `scene`: the same for the same scene, options, packages and BLAS kernel.
 
-    What another BLAS kernel changes, and what nothing changes: `EncodeOptions.seed`.
-
     Args:
         scene: without NaN or infinity (see `scarfmt.formats.clean`), at least one Gaussian or anchor.
         options: None for the defaults.
-        report: told (stage, fraction done).
+        report: receives (one of `STAGES`, fraction of it that is done).
 
     Raises:
-        InvalidInput: ``input-empty``, ``input-options``, ``input-anchors``, ``input-dependency``.
+        InvalidInput: ``input-empty``, ``input-options``, ``input-anchors``, ``input-crowded``.
 
     Warns:
         InputWarning: the cameras given do not look at the scene.
+        LossWarning: Gaussians are left out that lie beyond all reach of the rest.
     """
     options = options or EncodeOptions()
-    options.check()
     if len(scene) == 0:
         raise InvalidInput("input-empty", "the scene holds no Gaussian: there is nothing to encode")
+    positions = scene.positions if isinstance(scene, GaussianScene) else scene.anchors
+    check_crowd(positions, MAX_ANCHORS_PER_TILE * min(options.layers, 2))
+    if isinstance(scene, GaussianScene):
+        scene = _without_far(scene)
     if options.cameras:
-        warn_of_strangers(scene.positions if isinstance(scene, GaussianScene) else scene.anchors, options.cameras)
-    return encoded(scene, options, report)
+        warn_if_cameras_miss_scene(positions, options.cameras)
+    profile = measure_scene(scene, options, report)
+    quantised = Encoder(profile).run().scene
+    drawn = profile.reconstruct(quantised)
+    report("quality", 0.0)
+    quality = profile.judge(ViewSet.HELD_OUT).quality(drawn)
+    block = build_streaming_block(quantised, drawn, profile.options)
+    quantised = replace(quantised, metadata={"quality": quality.figures(), **quantised.metadata}, streaming=block)
+    return Encoded.of(write_scene(quantised, report), quality)
+
+
+def _without_far(scene: GaussianScene) -> GaussianScene:
+    far = find_far(scene.positions)
+    if not len(far):
+        return scene
+    place = ", ".join(f"{value:g}" for value in scene.positions[far[0]])
+    said = f"{len(far)} of {plural(len(scene), 'Gaussian')} left out, so far away that the others would share one place"
+    warnings.warn(f"{said}: the first at ({place})", LossWarning, stacklevel=3)
+    return scene.take(np.delete(np.arange(len(scene)), far))
+
+
+def measure_scene(scene: GaussianScene | AnchorModel, options: EncodeOptions, report: Report = silent) -> Profile[Any]:
+    """The scene, and what an error in each of its values shows."""
+    if isinstance(scene, AnchorModel):
+        return AnchorProfile.measure(scene, options, report)
+    return ExplicitProfile.measure(scene, options, report)
+
+
+@dataclass(frozen=True)
+class Trial:
+    """The result at one lambda.
+
+    Attributes:
+        problem: what there was to decide.
+        curves: what it costs.
+        scene: all integers of the file.
+    """
+
+    problem: RdoInput
+    curves: Sequence[RdCurve]
+    scene: QuantisedScene
+
+
+class Encoder:
+    """The stages after measuring, each repeated until pictures are as good as asked.
+
+    Attributes:
+        profile: the scene.
+        rate_control: of the quality to predict for.
+        layering: what layers hold by their pictures, once that is known.
+        trials: so far.
+    """
+
+    def __init__(self, profile: Profile[Any]) -> None:
+        self.profile = profile
+        self.rate_control = RateControl.for_options(profile.options)
+        self.layering: Layering | None = None
+        self.trials = 0
+
+    def run(self) -> Trial:
+        """The trial that is as good as asked, layers in place."""
+        previews = int(self._previews)
+        trial = self._converge(self.trial(self.rate_control.target), previews)
+        if previews:
+            layered = self._layer_by_pictures(trial.problem, trial.curves)
+            self.layering = Layering.build(trial.problem.classes.count, layered.first, layered.choices)
+            trial = self._converge(self._allocate(layered))
+        return trial
+
+    def trial(self, target: float) -> Trial:
+        """The decision for a target, dB. Layers that go by rule are chosen anew for each target."""
+        problem, layers = self.profile.prepare(target), self.profile.options.layers
+        self._report()
+        self.trials += 1
+        if self.layering is not None:
+            classes, problem = problem.classes.count, self.layering.split(problem)
+            curves = measure_curves(problem)
+            choices = self.layering.choices(price_layers(problem, curves), classes)
+            return self._allocate(LayeredInput(problem, curves, choices, choices[0]))
+        curves = measure_curves(problem)
+        if layers > 1 and not self._previews:
+            return self._allocate(layer_by_rule(problem, curves, layers))
+        last = price_layers(problem, curves).final
+        return self._allocate(LayeredInput(problem, curves, [last], last))
+
+    @property
+    def _previews(self) -> bool:
+        """Whether pictures decide what layers hold."""
+        options = self.profile.options
+        return options.layers > 1 and EFFORTS[options.effort].previews_layers and self.profile.preview is not None
+
+    def _allocate(self, layered: LayeredInput) -> Trial:
+        allocation = allocate(layered.problem, layered.curves, layered.choices)
+        return Trial(layered.problem, layered.curves, self.profile.quantise(layered.problem, allocation))
+
+    def _layer_by_pictures(self, problem: RdoInput, curves: Sequence[RdCurve]) -> LayeredInput:
+        """The content of layers, chosen from pictures: a first layer without holes, then others.
+
+        Args:
+            problem, curves: no class is split.
+        """
+        asked, layers = self.profile.options.asked_db, self.profile.options.layers
+        costs = price_layers(problem, curves)
+        first = find_first_layer(costs, self._metric(problem, curves, FIRST_CAP_DB), asked, problem.base_share)
+        problem, curves = split_for(problem, curves, first)
+        metric = self._metric(problem, curves, asked)
+        choices = find_later_layers(price_layers(problem, curves), metric, first.without_parts, layers)
+        return LayeredInput(problem, curves, choices, first)
+
+    def _metric(self, problem: RdoInput, curves: Sequence[RdCurve], most: float) -> PreviewMetric:
+        """How good layers look, each view counting as at most `most` dB."""
+
+        def decibels(steps: Sequence[Steps], parts: Sequence[float]) -> float:
+            self._report()
+            assert self.profile.preview is not None
+            return self.profile.preview.psnr_db(reconstruct_preview(problem, curves, steps, parts), most)
+
+        return decibels
+
+    def _converge(self, trial: Trial, reserve: int = 0) -> Trial:
+        return self.rate_control.converge(trial, self.trial, self._psnr_db, reserve)
+
+    @cached_property
+    def _judge(self) -> IncrementalJudge[Any]:
+        """Pictures of the source, drawn when they are first wanted."""
+        return IncrementalJudge(self.profile.judge(ViewSet.TUNING), self.profile.options.worst is None)
+
+    def _psnr_db(self, trial: Trial) -> float:
+        self._report()
+        return self._judge.psnr_db(self.profile.reconstruct(trial.scene))
+
+    def _report(self) -> None:
+        """Report that the fit goes on. How many trials it takes is not known: each is a third of what is left."""
+        self.profile.report("fit", 1 - (2 / 3) ** self.trials)

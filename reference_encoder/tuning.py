@@ -10,7 +10,7 @@ from __future__ import annotations
 from scarfmt.container.schema import Stream
 from scarfmt.scene.model import DecodedContext
 
-# --- What an error shows: measure/ ---
+# --- What an error shows: importance/ ---
 
 BLUR_PX2 = 0.4
 """Pixels^2: the rasteriser's 0.3 px dilation and the pixel itself blur every splat; below this variance an axis hardly
@@ -66,7 +66,7 @@ BELOW_WEIGHT = 2.0
 """Weight of falling short of the target, relative to exceeding it by at most `PROMISED_DB` [0031]."""
 PROMISED_DB = 0.5
 """How far off what was asked the finished file may be before networks are trained again, once [0025]."""
-LOOP_SEED, REPORT_SEED = 2025, 2027
+TUNING_SEED, HELD_OUT_SEED = 2025, 2027
 """Seeds of the views by which results are corrected, and of those by which they are reported [0025]."""
 JUDGED_SAMPLES = 4800
 """Pixels looked at of each of these views: 80 x 60 of 640 x 480 [0025]."""
@@ -91,7 +91,7 @@ MOST_UP_DB, MOST_DOWN_DB = 6.0, 15.0
 """dB between an aim and the first one: an error that no lambda takes away, such as clamped values, must not buy bits
 without end [0017]."""
 
-# --- Lambda: decide/lagrangian.py ---
+# --- Lambda: rdo/curves.py ---
 
 LAMBDA_QUALITY_DB, LAMBDA_SLOPE = 42.0, 0.82
 """A quality, and dB found per dB of lambda [0004]."""
@@ -99,7 +99,7 @@ GAUSSIAN_LAMBDA_DB, ANCHOR_LAMBDA_DB = 48.0, 60.0
 """At that quality, lambda times the number of Gaussians, or of anchors, is so many dB below 1. Weights of Gaussians are
 power means, those of anchors plain ones [0004, 0023]."""
 
-# --- Classes and what they receive: decide/ ---
+# --- Classes and what they receive: rdo/ ---
 
 IMPORTANCE_RATIO = 9.0
 """Squared-error ratio between neighbouring classes: one ternary step [0007]."""
@@ -125,12 +125,11 @@ COARSEST_COLOUR = 0.42
 [0026]."""
 STAGGER = 3.0**0.5
 """Factor of lambda, up or down, by which channels and classes refine in different layers [0007]."""
-CONTEXT_ANCHORS = 200_000
-"""Anchors that stand for all when contexts are chosen [0014]."""
 ROUNDING_ROUNDS = 2
 """How often prices and choices of rounded values are made to agree [0004]."""
-REST_SHARE = 1.3
-"""Errors of view-dependent colour agree between neighbours more than others do: so much more they count [0003]."""
+REST_SHARE = 2.6
+"""Errors of view-dependent colour agree between neighbours more than others do: so much more they count [0003,
+0051]."""
 SHAPE_SHARE = {Stream.SCALE: 1.5, Stream.ROTATION: 1.5}
 """Factors of errors of shape, which agree between neighbours more than other errors do [0003]."""
 GAUSSIAN_COARSEST: dict[Stream, tuple[float, ...]] = {
@@ -147,12 +146,11 @@ ANCHOR_COARSEST: dict[Stream, tuple[float, ...]] = {
 }
 """Coarsest useful first cell of each component in the anchor profile [0003]."""
 COARSEST_LATENT = 81.0
-"""Coarsest step of the latent channel in codeword lattice units, to be multiplied by the number of dimensions
-[0005]."""
+"""Coarsest step of each component of the latent channel, in lattice units [0005]."""
 MLP_BITS = 10
 """Bits of a weight of an anchor model's networks [0003]."""
 
-# --- Tiles: decide/lattice.py ---
+# --- Tiles: rdo/lattice.py ---
 
 TILE_ANCHORS, LARGE_SCENE_TILE_ANCHORS = 32768, 16384
 """Most anchors of a tile unless asked otherwise; the second in scenes of more than `LARGE_SCENE` anchors.
@@ -164,7 +162,7 @@ CELL_FACTOR, CELL_PERCENTILE = 1.5, 70
 """A leaf cell is this many times the step that pays for this percentile of a tile's anchors; those who need more get it
 from the position residual [0002]."""
 
-# --- Layers: decide/layering.py ---
+# --- Layers: rdo/layers.py ---
 
 GAUSSIAN_BASE_SHARE, ANCHOR_BASE_SHARE = 0.265, 0.28
 """Share of the bits that the first layer may take. An anchor model's networks travel in it besides [0007]."""
@@ -197,56 +195,35 @@ LARGEST_SHARE = 0.4
 """Maximum share of the bits in a first layer: with more it is no preview [0018]."""
 LARGEST_LAMBDA_RATIO, LAMBDAS = 1e7, 80
 """Lambdas a layer may have: the largest over that of the last layer, and how many [0018]."""
-LOOKS, DB_A_LAMBDA = 3, 0.3
+PREVIEW_TRIES, DB_A_LAMBDA = 3, 0.3
 """To find how coarse a layer may be: how often to look, and about how many dB the next lambda costs [0018]."""
 
-# --- Latents and codewords: latent/ ---
+# --- Latents: rdo/latent.py, and codewords of training ---
 
 MAX_DIMENSIONS = 48
 """Maximum dimensions of a linear latent [0005]."""
-CODEWORD_RANGE = 120.0
+LATENT_RANGE = 120.0
 """Lattice units that 99.9 % of the latents' coordinates stay within: fine against what the most visible anchors can
-show, coarse enough for short codewords [0005]."""
+show [0005]."""
 DECODER_BITS = 12
 """Bits of a weight of the latent decoder [0005]."""
-ANCHORS_PER_CODEWORD, FEWEST_CODEWORDS_LOG2, MOST_CODEWORDS_LOG2 = 150, 4, 10
-"""A codeword pays for itself about every so many anchors; powers of two that a codebook's size is between [0005]."""
-ANCHOR_EXTRA_STAGES = 1
-"""RVQ stages that features of anchors get beyond the effort's [0005]."""
-CODEWORD_BITS, DECODER_WEIGHT_BITS = 6.0, 12.0
-"""About what a coordinate of a codeword and a weight of the decoder take in a file [0005]."""
-RVQ_DECAY = 0.8
-"""Share of its moving sums that a codeword keeps from epoch to epoch [0005]."""
-RVQ_STALE_USES = 1.0
-"""A code used less often in an epoch restarts at a badly served vector [0005]."""
+DECODER_WEIGHT_BITS = 12.0
+"""About what a weight of the decoder takes in a file [0005]."""
 RVQ_PRIOR_USES = 0.02
 """A code that nobody uses is not free: this many virtual uses keep its price finite [0005]."""
-INJECT_SHARE, HARD_SHARE = 0.25, 0.5
-"""Shares of an autoencoder's steps after which soft injection starts, and quantisation is hard (paper: 10k and 30k of
-40k) [0005]."""
 LEARNED_DECAY = 0.99
 """Share of its moving sums that a codeword of an autoencoder keeps from step to step [0005]."""
 LEARNED_STALE_SHARE = 0.1
 """A code with less than this share of the mean use is stale and restarts at a vector of the batch [0005]."""
-KMEANS_ROUNDS, KMEANS_VECTORS_PER_CODE = 8, 16
-"""K-means at the start of an autoencoder's codebooks: rounds, and vectors for each code [0005]."""
+KMEANS_ROUNDS = 8
+"""Rounds of k-means at the start of learned codebooks [0005]."""
 METRIC_VECTORS = 8192
 """Vectors over which a learned decoder is made an isometry on average [0005]."""
-SEARCH_ROUNDS = 4
-"""Gauss-Newton rounds to the latents that a learned decoder maps closest to the vectors [0005]."""
-LEAST_GAIN, DAMPING = 1e-9, 1e-6
-"""Directions a learned decoder hardly reacts to hold nothing: their least share of the largest gain; damping of a
-Gauss-Newton step, of the mean curvature [0005]."""
+LEAST_GAIN = 1e-9
+"""Directions a learned decoder hardly reacts to hold nothing: their least share of the largest gain [0005]."""
 FINEST_UNIT = 1e-5
 """Finer lattices than this share of the vectors' own size only store noise [0005]."""
-PREVIEW = 0.05
-"""Weight of an error that the LATENT channel repairs in the end: earlier layers show it [0011]."""
-BEAM, FINALISTS = 4, 16
-"""Partial choices of codewords kept from stage to stage; whole ones compared by what they really cost [0011]."""
-LEAST_INSIDE = 0.4
-"""Share of a cluster's evenly split bits that the codewords wanted cost in it at least, nearly always [0014]."""
-
-# --- Networks: networks/ ---
+# --- Networks: training/networks/ ---
 
 CONTEXT = DecodedContext(passes_log2=2, occupancies=(32, 4))
 """Passes of a group, and anchors of a cell at either depth: finer contexts save a little more and cost a decoder more
@@ -255,20 +232,17 @@ CONTEXT_LATENTS = 16
 """Latent dimensions whose cell means are inputs of the index network [0010]."""
 NARROWEST_HIDDEN, WIDEST_HIDDEN, INDICES_OF_EIGHT = 6, 64, 75_000
 """Width of the index network: it grows with the square root of the number of indices, 8 for so many [0010]."""
-MOST_INDEX_SHARE = 0.2
-"""Maximum saving of an index network, as a share of the indices' bits under static tables, codewords chosen again
-included. A network that decodes for longer than the transfer of this share is not trained [0030]."""
 CODEWORD_DIMS = 24
 """Latent dimensions of a codeword that the index network sees at most [0010]."""
 FINE_WEIGHTS_FROM = 20
 """Networks of at least this width get a fifth bit of weight [0010]."""
 SMALLEST_BATCH, LARGEST_BATCH = 64, 1024
 """Rows of a step [0010]."""
-INDEX_LEARNING_RATE, ROUND_LEARNING_RATE = 0.018, 0.01
-"""Learning rate of the index network's first training, and of its training in a round of choosing again [0010,
-0011]."""
-ROUND_EPOCHS = 0.25
-"""Epochs of a round, of the first training's [0011]."""
+INDEX_LEARNING_RATE, LAST_INDEX_LEARNING_RATE = 0.018, 0.01
+"""Learning rates of the index network: along with the scene, and after it [0010, 0011]."""
+INDEX_ROWS, INDEX_VISITS, MOST_INDEX_EPOCHS = 500_000, 1_000_000, 22
+"""Most rows that the index network learns from at a time; rows seen in all epochs after the scene is finished, and
+most epochs then [0010]."""
 MEASURED_ROWS = 16384
 """Rows on which the progress of a training is measured [0014]."""
 SETTLED_EPOCHS = 3
@@ -292,7 +266,7 @@ ANCHORS_PER_CELL = 128
 """Finest 3D cells of a learned grid hold about as many anchors: with fewer, a cell's bits cost more than they save
 [0010]."""
 
-# --- Predictors: networks/predict.py, predictor_net.py, predictor_descent.py ---
+# --- Predictors: training/networks/ ---
 
 PREDICTOR_SAMPLE, PREDICTOR_ANCHORS = 40_000, 160_000
 """Symbols a predictor is trained on, and anchors of the tiles looked at for them [0009]."""
@@ -302,14 +276,12 @@ PREDICTOR_LEAST_SYMBOLS = 4000
 """Fewer symbols never pay for a network [0009]."""
 PREDICTOR_TABLE_BITS, PREDICTOR_ENTRY_BITS = 24.0, 6.0
 """Bits of a table and of one of its entries after Zstandard [0009]."""
-MOST_PREDICTED_SHARE = 0.55
-"""Maximum saving of predictors, as a share of the bits of a step of a component under static tables. If the cheapest
-predictor decodes for longer than the transfer of this share, none is trained [0030]."""
-SKETCH_STRIDE, WIDER_SHARE = 4, 0.15
-"""A predictor without hidden units, trained on one of so many samples in as many times fewer steps, shows about what
-one can save. Those with hidden units save at most so much of the static bits more [0030]."""
+PREDICTOR_UNITS = (8, 3, 0)
+"""Hidden units tried [0009]."""
+PREDICTOR_ITERATIONS = 800
+"""Steps of the descent of a predictor [0009]."""
 RUN_BITS = 0.1
-"""Worth in bits of a run of symbols in one context: it costs a decoder about 4 microseconds [0009]."""
+"""Bits that a run of symbols in one context is taken to cost: a decoder opens a table for it [0009]."""
 LEAST_DEVIATION = 4.0
 """Inputs that hardly vary are not blown up: their weights would not fit in 8 bits beside the others [0009]."""
 WEIGHT_PENALTY_BITS, NEGLIGIBLE_WEIGHT = 24.0, 0.03

@@ -1,1 +1,1 @@
-"""The parts of a release: wheel, sdist, npm package, vectors, and a bill of materials. See `docs/releasing.md`."""
+"""The parts of a release: wheel, sdist, npm package, vectors, and a bill of materials. See `docs/under-the-hood.md`."""

@@ -5,26 +5,10 @@ from __future__ import annotations
 import gzip
 import io
 import tarfile
-import time
 import zipfile
-from collections.abc import Mapping
 from pathlib import Path
 
-_LEAST_ZIP_TIME = 315_532_800
-"""1980, before which ZIP has no times."""
 _PLAIN, _PROGRAM = 0o644, 0o755
-
-
-def write_zip(target: Path, members: Mapping[str, bytes], epoch: int) -> None:
-    """Write a compressed ZIP of files by name, all of one time in seconds since 1970."""
-    date = time.gmtime(max(epoch, _LEAST_ZIP_TIME))[:6]
-    with zipfile.ZipFile(target, "w", zipfile.ZIP_DEFLATED, compresslevel=9) as archive:
-        for name in sorted(members):
-            entry = zipfile.ZipInfo(name, date)
-            entry.compress_type = zipfile.ZIP_DEFLATED
-            entry.create_system = 3  # Unix, on every system
-            entry.external_attr = (0o100000 | _PLAIN) << 16
-            archive.writestr(entry, members[name], compresslevel=9)
 
 
 def settle_tar(path: Path, epoch: int) -> None:

@@ -1,6 +1,6 @@
 """``make dist``: everything of a release, from a commit, into a folder that does not exist yet.
 
-The same commit gives the same bytes, whatever the folder and the time (docs/releasing.md says with what kept equal).
+The same commit gives the same bytes, whatever the folder and the time (docs/under-the-hood.md says how).
 """
 
 from __future__ import annotations
@@ -37,8 +37,10 @@ def build(commit: str, out: Path) -> None:
     out = out.resolve()
     with tempfile.TemporaryDirectory(prefix="scarfmt-release-") as place:
         tree = exported(commit, Path(place) / "tree")
-        build_web(tree)
-        _build_python(tree, Path(place) / "tools", out)
+        tools = Path(place) / "tools"
+        _install_tools(tree, tools)
+        build_web(tree, tools)
+        _build_python(tree, tools, out)
         write_vectors(tree, out)
         pack_npm(tree, out)
         write_bill(tree, out)
@@ -46,13 +48,17 @@ def build(commit: str, out: Path) -> None:
     (out / SUMS).write_text("".join(f"{value}  {name}\n" for name, value in sums.items()), encoding="utf-8")
 
 
-def _build_python(tree: Tree, tools: Path, out: Path) -> None:
-    """The sdist, then the wheels of package and suite, by pinned tools in an environment of their own."""
+def _install_tools(tree: Tree, tools: Path) -> None:
+    """An environment with the pinned tools that build the parts."""
     tree.run([sys.executable, "-m", "venv", tools])
-    python = tools / "bin" / "python"
-    requirements = tree.folder / "release" / "requirements.txt"
-    tree.run([python, "-m", "pip", "install", "--quiet", "--disable-pip-version-check", "-r", requirements])
-    command: list[str | Path] = [python, "-m", "build", "--no-isolation", "--outdir", out]
+    pip: list[str | Path] = [tools / "bin" / "python", "-m", "pip", "--quiet", "--disable-pip-version-check"]
+    pins = [tree.folder / folder / "requirements.txt" for folder in ("release", "web")]
+    tree.run([*pip, "install", "-r", pins[0], "-r", pins[1]])
+
+
+def _build_python(tree: Tree, tools: Path, out: Path) -> None:
+    """The sdist, then the wheels of package and suite."""
+    command: list[str | Path] = [tools / "bin" / "python", "-m", "build", "--no-isolation", "--outdir", out]
     tree.run([*command, "--sdist", "."])
     settle_tar(out / f"scarfmt-{tree.version()}.tar.gz", tree.epoch)
     on_linux = (platform.system(), platform.machine()) == ("Linux", "x86_64")

@@ -12,17 +12,17 @@ from release.tree import Tree
 _TEXTS = ("LICENSE", "NOTICE")
 
 
-def build_web(tree: Tree) -> None:
+def build_web(tree: Tree, tools: Path) -> None:
     """Build `web/dist` and the viewer page of a tree.
+
+    Args:
+        tools: an environment with `web/requirements.txt`.
 
     Raises:
         subprocess.CalledProcessError: something could not be fetched, compiled or bundled.
-        FileNotFoundError: there is no compiler for WebAssembly, without which a release is slow in browsers.
     """
     tree.run(["npm", "ci", "--ignore-scripts", "--no-audit", "--no-fund", "--prefer-offline", "--silent"], "web")
-    tree.run(["npm", "run", "--silent", "build"], "web")
-    if not (tree.folder / "web" / "dist" / "scar.wasm").exists():
-        raise FileNotFoundError("web/dist/scar.wasm was not built: install clang-14 and lld-14")
+    tree.run(["env", f"PYTHON={tools / 'bin' / 'python'}", "npm", "run", "--silent", "build"], "web")
 
 
 def pack_npm(tree: Tree, out: Path) -> Path:

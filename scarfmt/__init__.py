@@ -1,13 +1,14 @@
-"""scarfmt: the `.scar` format for progressive neural-compressed 3D Gaussian scenes. See SPEC.md.
+"""scarfmt: the `.scar` format for progressive compressed 3D Gaussian scenes. See SPEC.md.
 
     import scarfmt
 
-    scarfmt.encode("scene.ply")                      # bytes of a file
+    scene = scarfmt.load("scene.ply")                # Gaussians of a file of any format
+    scarfmt.save(scene, "scene.scar")                # and back: the name says the format
+    scarfmt.encode("scene.ply")                      # bytes of a .scar file
     scarfmt.train("capture/").data                   # bytes of one trained from photos
     scarfmt.decode_scene("scene.scar", layers=2)     # Gaussians of its first two layers
     scarfmt.decode("scene.scar").values              # exact values, as every decoder has them
     with scarfmt.open("scene.scar") as file: ...     # more than one question to one file
-    with scarfmt.open_scene("city.scar.json") as s: ...  # a file, or an index of many, by region or for a view
 
 Importing the package costs nothing: the names below are loaded when they are first used.
 """
@@ -19,20 +20,22 @@ TYPE_CHECKING = False  # checkers of types take it for true; importing `typing` 
 if TYPE_CHECKING:
     from typing import Any
 
-    from reference_decoder.request import DecodeRequest
-    from reference_decoder.scenes.needs import LevelOfDetail
-    from reference_decoder.scenes.scene_set import SceneSet
+    from reference_decoder.decode import DecodeRequest
+    from reference_decoder.lod_selection import LevelOfDetail
     from reference_encoder.options import EncodeOptions
     from reference_encoder.training.capture import load_capture
     from reference_encoder.training.options import TrainOptions
     from scarfmt.api import (
         ScarFile,
+        convert,
         decode,
         decode_scene,
+        decode_view,
         encode,
         inspect,
+        load,
         open,
-        open_scene,
+        save,
         train,
         truncate,
         validate,
@@ -40,7 +43,7 @@ if TYPE_CHECKING:
     from scarfmt.errors import InputWarning, ScarError
     from scarfmt.render.capture import load_cameras
     from scarfmt.scene.gaussians import AnchorModel, GaussianScene
-    from scarfmt.streaming.view import Camera
+    from scarfmt.view_planning import Camera
 
 __version__ = "0.2.0"
 
@@ -54,17 +57,19 @@ __all__ = [
     "LevelOfDetail",
     "ScarError",
     "ScarFile",
-    "SceneSet",
     "TrainOptions",
     "__version__",
+    "convert",
     "decode",
     "decode_scene",
+    "decode_view",
     "encode",
     "inspect",
+    "load",
     "load_cameras",
     "load_capture",
     "open",
-    "open_scene",
+    "save",
     "train",
     "truncate",
     "validate",
@@ -72,14 +77,13 @@ __all__ = [
 
 _HOMES = {
     "AnchorModel": "scarfmt.scene.gaussians",
-    "Camera": "scarfmt.streaming.view",
-    "DecodeRequest": "reference_decoder.request",
+    "Camera": "scarfmt.view_planning",
+    "DecodeRequest": "reference_decoder.decode",
     "EncodeOptions": "reference_encoder.options",
     "GaussianScene": "scarfmt.scene.gaussians",
     "InputWarning": "scarfmt.errors",
-    "LevelOfDetail": "reference_decoder.scenes.needs",
+    "LevelOfDetail": "reference_decoder.lod_selection",
     "ScarError": "scarfmt.errors",
-    "SceneSet": "reference_decoder.scenes.scene_set",
     "TrainOptions": "reference_encoder.training.options",
     "load_cameras": "scarfmt.render.capture",
     "load_capture": "reference_encoder.training.capture",

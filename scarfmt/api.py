@@ -1,4 +1,4 @@
-"""The functions of `import scarfmt`: open, decode, encode, inspect, truncate or validate a file in one call each.
+"""The functions of `import scarfmt`: load, save, open, decode, encode, inspect or validate a file in one call each.
 
 Files come as a path, a URL, their bytes, or a :class:`~scarfmt.container.source.ByteSource` that is open already.
 What a call costs beyond reading is imported when it is called: torch and numba only by an encode.
@@ -8,31 +8,32 @@ from __future__ import annotations
 
 import os
 import tempfile
+import warnings
 from collections.abc import Iterator
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path
 from types import TracebackType
-from typing import TYPE_CHECKING, Any, Self, Unpack
+from typing import TYPE_CHECKING, Any, Self
 
+from reference_decoder.decode import DecodeRequest, iter_tiles, requested
 from reference_decoder.decode import decode as decode_source
 from reference_decoder.decode import decode_scene as decode_scene_source
-from reference_decoder.decode import iter_tiles
 from reference_decoder.decoded import Decoded
-from reference_decoder.dequantise import tile_boxes
-from reference_decoder.request import DecodeRequest, RequestFields, requested
-from reference_decoder.scenes.scene_set import SceneSet
-from reference_decoder.scenes.scene_set import open_scene as open_scene_set
+from reference_decoder.lod_selection import LevelOfDetail, iter_view
+from reference_decoder.region import tile_boxes
 from reference_encoder.training.options import Report as TrainReport
 from reference_encoder.training.options import Stop, Trained, TrainOptions, never
 from reference_encoder.training.options import silent as untold
 from scarfmt.arrays import F64
+from scarfmt.atomic import atomic_write
 from scarfmt.coding.reader import SceneReader
 from scarfmt.coding.writer import Report, silent
-from scarfmt.container.header import Header, LayerSummary, read_header
-from scarfmt.container.source import Origin, open_source, opened
+from scarfmt.container.header import Header, LayerSummary, is_scar, read_header
+from scarfmt.container.source import KeptSource, Origin, open_source, opened
 from scarfmt.counters import Counters
+from scarfmt.errors import InputWarning, InvalidInput, plural
 from scarfmt.limits import DEFAULT_LIMITS, Limits
-from scarfmt.scene.gaussians import AnchorModel, GaussianScene
+from scarfmt.scene.gaussians import AnchorModel, GaussianScene, concatenate
 from scarfmt.tools import inspection
 from scarfmt.tools import truncate as truncation
 from scarfmt.tools import validate as validation
@@ -59,19 +60,31 @@ class ScarFile:
         self.source = open_source(origin)
         self._limits = limits
         try:
-            self.header: Header = read_header(self.source, limits=limits, allow_truncated=True)
+            self._kept = KeptSource(self.source)
+            self.header: Header = read_header(self._kept, limits=limits, allow_truncated=True)
         except BaseException:
             self.source.close()
             raise
 
     def __repr__(self) -> str:
         anchors, layers = self.header.anchor_count, self.header.layer_count
-        return f"<ScarFile: {anchors:,} anchors, {len(self.layers)} of {layers} layers>"
+        return f"<ScarFile: {plural(anchors, 'anchor')}, {len(self.complete_layers)} of {plural(layers, 'layer')}>"
 
     @property
-    def layers(self) -> tuple[LayerSummary, ...]:
+    def complete_layers(self) -> tuple[LayerSummary, ...]:
         """The summary of each complete layer: all of `header.layers`, unless the file is truncated."""
         return tuple(layer for layer in self.header.layers if layer.end_offset <= self.source.size)
+
+    def layers(self) -> Iterator[GaussianScene | AnchorModel]:
+        """The scene after the first layer, after the second, and so on, each closer to the source.
+
+        What was read is kept until the file is closed, and no byte is read twice.
+
+        Raises:
+            Malformed, Unsupported, LimitExceeded: the file is refused (SPEC §12).
+        """
+        for number in range(1, len(self.complete_layers) + 1):
+            yield decode_scene_source(self._kept, layers=number, limits=self._limits, allow_truncated=True)
 
     @cached_property
     def tile_boxes(self) -> tuple[F64, F64]:
@@ -83,11 +96,11 @@ class ScarFile:
         reader = SceneReader(self.source, limits=self._limits, allow_truncated=True)
         return tile_boxes(reader.lattice, reader.container.tile_table)
 
-    def decode(self, request: DecodeRequest | None = None, **fields: Unpack[RequestFields]) -> Decoded:
+    def decode(self, request: DecodeRequest | None = None, **fields: Any) -> Decoded:
         """Decode what `request`, or its `fields`, ask for, as :func:`decode`."""
         return decode_source(self.source, self._request(request, fields))
 
-    def tiles(self, request: DecodeRequest | None = None, **fields: Unpack[RequestFields]) -> Iterator[Decoded]:
+    def tiles(self, request: DecodeRequest | None = None, **fields: Any) -> Iterator[Decoded]:
         """Decode a tile at a time, leaving out tiles without anchors; memory does not grow with the scene."""
         return iter_tiles(self.source, self._request(request, fields))
 
@@ -115,7 +128,7 @@ class ScarFile:
     ) -> None:
         self.close()
 
-    def _request(self, request: DecodeRequest | None, fields: RequestFields) -> DecodeRequest:
+    def _request(self, request: DecodeRequest | None, fields: dict[str, Any]) -> DecodeRequest:
         """The request; fields that name no limits have those the file was opened with."""
         return requested(request, fields if request else {"limits": self._limits, **fields})
 
@@ -128,25 +141,10 @@ def open(source: Origin, *, limits: Limits = DEFAULT_LIMITS) -> ScarFile:
         limits: what to accept of the file, also of later requests that state no limits.
 
     Raises:
-        InvalidInput: ``input-source`` when it cannot be opened.
+        InvalidInput: ``input-source`` when it cannot be opened; a FileNotFoundError too where there is no such file.
         Malformed, Unsupported, LimitExceeded: the header is refused (SPEC §12).
     """
     return ScarFile(source, limits)
-
-
-def open_scene(origin: Origin, *, limits: Limits = DEFAULT_LIMITS) -> SceneSet:
-    """Open a scene, whether it is one file or an index of many, to read it by region, by layers or for a view.
-
-    Args:
-        origin: path or URL of a .scar file or of a scene index; or bytes or an open ByteSource of a file, which the
-            scene then closes.
-        limits: what to accept of each file.
-
-    Raises:
-        InvalidInput: ``input-source`` when it cannot be opened; ``input-scene`` for an index without a place.
-        Malformed, Unsupported, LimitExceeded: the index, or the front of the file, is refused (SPEC §12, §17).
-    """
-    return open_scene_set(origin, limits=limits)
 
 
 def decode(
@@ -154,7 +152,7 @@ def decode(
     request: DecodeRequest | None = None,
     *,
     counters: Counters | None = None,
-    **fields: Unpack[RequestFields],
+    **fields: Any,
 ) -> Decoded:
     """Decode a file, or what is asked of it. Of a URL only the bytes needed are transferred.
 
@@ -180,13 +178,106 @@ def decode_scene(
     request: DecodeRequest | None = None,
     *,
     counters: Counters | None = None,
-    **fields: Unpack[RequestFields],
+    **fields: Any,
 ) -> GaussianScene | AnchorModel:
     """The Gaussians of a file: the same numbers as ``decode(...).scene``, in half the time and memory.
 
     Arguments and errors are those of :func:`decode`; all attributes are needed.
     """
     return decode_scene_source(source, request, counters=counters, **fields)
+
+
+def decode_view(
+    source: Origin,
+    view: LevelOfDetail,
+    request: DecodeRequest | None = None,
+    *,
+    counters: Counters | None = None,
+    **fields: Any,
+) -> GaussianScene:
+    """The Gaussians that a view needs: more layers of near tiles, none of tiles outside of the picture.
+
+    Args:
+        source: a path, a URL, bytes, or an open ByteSource of a file of plain Gaussians.
+        view: the camera, and the Gaussians at most.
+        request, counters, fields: as for :func:`decode`.
+
+    Raises:
+        InvalidInput: ``input-scene`` for an anchor model; the request does not fit.
+        Malformed, Unsupported, LimitExceeded: the file is refused (SPEC §12).
+    """
+    with opened(source) as stream:
+        parts = list(iter_view(stream, requested(request, fields), view, counters))
+        return concatenate(parts, read_header(stream, allow_truncated=True).fields.sh_degree)
+
+
+def load(source: str | os.PathLike[str] | bytes, *, format: str | None = None) -> GaussianScene | AnchorModel:
+    """The scene of a file of any format: .scar, or what :func:`scarfmt.formats.load` reads.
+
+    Args:
+        source: a path, bytes, or the URL of a .scar file.
+        format: id of another format; by default the content decides, then the name.
+
+    Raises:
+        FileNotFoundError: there is no such file; it is an InvalidInput too.
+        InvalidInput: the file is unreadable or damaged, or its format unknown.
+        Malformed, Unsupported, LimitExceeded: a .scar file is refused (SPEC §12).
+    """
+    if format is None and is_scar(source):
+        return decode_scene(source)
+    from scarfmt.formats import load as load_scene
+
+    return load_scene(source, format=format)
+
+
+def save(
+    scene: GaussianScene | AnchorModel,
+    target: str | os.PathLike[str],
+    *,
+    options: EncodeOptions | None = None,
+    force: bool = False,
+) -> None:
+    """Write a scene to a file, in the format that its name ends in. The file appears when it is complete.
+
+    Args:
+        scene: Gaussians; or an anchor model, for a .scar or .npz file.
+        target: a path that ends in .scar (which needs the extra ``encode``) or as one of `scarfmt.formats.outputs`.
+        options: of the encoder, for a .scar file.
+        force: replace a file that exists.
+
+    Raises:
+        FileExistsError: the file exists; it is an InvalidInput too.
+        InvalidInput: ``output-format``, ``output-path``, ``output-range``, or what the encoder refuses.
+
+    Warns:
+        InputWarning: what the format cannot hold as it is.
+    """
+    name = os.fspath(target)
+    write = partial(atomic_write, force=force)
+    if name.lower().endswith(".scar"):
+        with write(name) as file:
+            file.write(encode(scene, options))
+        return
+    from scarfmt.formats import save_anchor_npz
+    from scarfmt.formats.output import Described
+    from scarfmt.formats.outputs import OutputOptions, open_targets, output_of, write_parts
+
+    if isinstance(scene, AnchorModel):
+        if not name.lower().endswith(".npz"):
+            raise InvalidInput("output-format", "an anchor model has no fixed Gaussians: save it as .scar or .npz")
+        with write(name) as file:
+            save_anchor_npz(scene, file)
+        return
+    format_id = output_of(name).id
+    with open_targets(name, format_id, OutputOptions(), write) as (file, settled):
+        written = write_parts(format_id, [scene], Described.of(scene), file, settled)
+    for note in written.notes:
+        warnings.warn(note, InputWarning, stacklevel=2)
+
+
+def convert(source: str | os.PathLike[str] | bytes, target: str | os.PathLike[str], *, force: bool = False) -> None:
+    """Write the scene of a file in another format: :func:`load`, then :func:`save`, with their errors and warnings."""
+    save(load(source), target, force=force)
 
 
 def encode(
@@ -198,23 +289,20 @@ def encode(
     """The bytes of a file for a scene. Needs the extra ``encode``.
 
     Args:
-        scene: a scene without NaN or infinity, or a file of any format that :func:`scarfmt.formats.load` knows.
+        scene: a scene, or a file of any format that :func:`scarfmt.formats.load` knows.
         options: None for the defaults. Their cameras may be those of :func:`scarfmt.load_cameras`.
         report: called with (stage, fraction done) as the work proceeds.
 
     Raises:
         InvalidInput: ``input-empty``, ``input-options``, ``input-dependency``, or the scene file cannot be used.
     """
-    if options is not None:
-        options.check()
     from reference_encoder.encode import encode as encode_scene
+    from scarfmt.formats import load as load_scene
+    from scarfmt.formats.clean import clean
 
     if isinstance(scene, str | os.PathLike | bytes):
-        from scarfmt.formats import load
-        from scarfmt.formats.clean import clean
-
-        scene, _ = clean(load(scene))
-    return encode_scene(scene, options, report)
+        scene = load_scene(scene)
+    return encode_scene(clean(scene)[0], options, report)
 
 
 def train(
@@ -231,7 +319,7 @@ def train(
         capture: of :func:`scarfmt.load_capture`, or what that reads.
         options: None for the defaults.
         folder: for checkpoints, log and plot; if it holds a checkpoint of the same capture and options, training goes
-            on from that. They stay until :func:`~reference_encoder.training.checkpoints.discard_checkpoints`. None to
+            on from that. They stay until :func:`~reference_encoder.training.run_folder.discard_checkpoints`. None to
             keep nothing.
         report: called with a :class:`~reference_encoder.training.options.Progress` as the work proceeds.
         stop: asked every iteration; once it says yes, training ends early with the best file so far.
@@ -242,7 +330,7 @@ def train(
     Raises:
         InvalidInput: ``input-options``, ``input-dependency``, ``input-checkpoint``, or the capture cannot be used.
     """
-    settled = (options or TrainOptions()).settled()
+    settled = (options or TrainOptions()).resolve()
     from reference_encoder.training.capture import Capture, load_capture
     from reference_encoder.training.run import train as train_capture
 

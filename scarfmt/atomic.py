@@ -1,18 +1,69 @@
-"""Writing a file whole or not at all."""
+"""Writing a file whole or not at all, and never over one that is read."""
 
 from __future__ import annotations
 
 import contextlib
+import errno
 import os
 import secrets
 import stat
 from collections.abc import Iterator
 from contextlib import contextmanager
+from contextvars import ContextVar
 from os import PathLike
 from pathlib import Path
 from typing import BinaryIO
 
-from scarfmt.errors import InvalidInput
+from scarfmt.errors import FileTaken, InvalidInput, file_error
+
+FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
+"""What systems call a disk, a quota or a file that takes no more."""
+
+Identity = tuple[int, int, str]
+"""Device, number and "" of a file; of one that is not there yet, those of its folder, and its name."""
+_INPUT, _OUTPUT = "is an input", "is another output"
+_apart: ContextVar[dict[Identity, str] | None] = ContextVar("files that are read or being written", default=None)
+
+
+@contextmanager
+def keep_files_apart() -> Iterator[None]:
+    """Within it, no file that was read is written, and no two that are open for writing are one.
+
+    Files are compared by what they are: names, links and hard links of one file are the same.
+    """
+    before = _apart.set({})
+    try:
+        yield
+    finally:
+        _apart.reset(before)
+
+
+def note_read(file: str | PathLike[str] | int) -> None:
+    """Remember a file, by its name or number, as one that is read."""
+    known = _apart.get()
+    if known is not None:
+        with contextlib.suppress(OSError, ValueError):
+            status = os.stat(file)
+            if stat.S_ISREG(status.st_mode):
+                known[status.st_dev, status.st_ino, ""] = _INPUT
+
+
+def _identity(target: Path) -> Identity:
+    try:
+        status, name = os.stat(target), ""
+    except OSError:
+        try:
+            status, name = os.stat(target.parent), target.name
+        except OSError:
+            return -1, -1, str(target)
+    return status.st_dev, status.st_ino, name
+
+
+def _check_apart(target: Path, known: dict[Identity, str]) -> Identity:
+    identity = _identity(target)
+    if identity in known:
+        raise InvalidInput("output-path", f"{target} {known[identity]}: give the output another name")
+    return identity
 
 
 @contextmanager
@@ -25,29 +76,43 @@ def atomic_write(path: str | PathLike[str], *, force: bool = False) -> Iterator[
 
     Args:
         path: destination; a symbolic link is followed, so that the link stays.
-        force: replace an existing file, keeping its permissions, and its owner where the system allows that.
+        force: replace an existing file, keeping its permissions, and its owner where the system allows that; but never
+            an input (:func:`keep_files_apart`).
 
     Raises:
-        InvalidInput: the file exists and `force` is not set (refusal `output-exists`), or `path` cannot be written.
+        InvalidInput: the file exists and `force` is not set (refusal `output-exists`), `path` cannot be written, or
+            the disk is full (`output-full`).
     """
     target = Path(os.path.realpath(path))
     if target.exists() and not target.is_file() and not target.is_dir():
         with target.open("wb") as device:
             yield device
         return
+    known = _apart.get()
+    known = {} if known is None else known
     _check_free(target, force)
+    identity = _check_apart(target, known)
+    known[identity] = _OUTPUT
     temporary = target.with_name(f".{_shortened(target.name)}.{secrets.token_hex(6)}.part")
-    stream = _create(temporary, target)
     try:
-        with stream:
+        with _create(temporary, target) as stream:
             yield stream
             stream.flush()
             os.fsync(stream.fileno())
         _check_free(target, force)
+        if known.get(identity) == _OUTPUT:  # else it was read since, as an input
+            del known[identity]
+        _check_apart(target, known)
         os.replace(temporary, target)
-    except BaseException:
+    except BaseException as error:
+        if known.get(identity) == _OUTPUT:
+            del known[identity]
         with contextlib.suppress(FileNotFoundError):
             temporary.unlink()
+        if isinstance(error, OSError) and error.errno in FULL and error.filename in (None, str(temporary)):
+            raise InvalidInput(
+                "output-full", f"no space left for {target}; free some, or write it elsewhere"
+            ) from error
         raise
 
 
@@ -55,7 +120,7 @@ def _check_free(target: Path, force: bool) -> None:
     if target.is_dir():
         raise InvalidInput("output-path", f"{target} is a directory; give a file name")
     if target.exists() and not force:
-        raise InvalidInput("output-exists", f"{target} exists; choose another name, or use force to overwrite it")
+        raise FileTaken("output-exists", f"{target} exists")
 
 
 def _shortened(name: str) -> str:
@@ -71,7 +136,7 @@ def _create(temporary: Path, target: Path) -> BinaryIO:
         mode = 0o666 if replaced is None else 0o600
         stream = open(temporary, "xb", opener=lambda path, flags: os.open(path, flags, mode))  # noqa: SIM115
     except OSError as error:
-        raise InvalidInput("output-path", f"cannot write {target}: {error.strerror}") from error
+        raise file_error("output-path", f"cannot write {target}: {error.strerror}", error) from error
     if replaced is not None and hasattr(os, "fchmod"):
         # Only root may give a file away. The mode comes last: a change of owner may clear bits of it.
         with contextlib.suppress(OSError):

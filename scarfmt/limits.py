@@ -52,11 +52,12 @@ MAX_FILE_LENGTH = (1 << 53) - 1
 MAX_METADATA_BYTES = 1 << 24
 """JSON is for people and catalogues, not for payloads."""
 
+MAX_THUMBNAIL = 65_535
+"""A picture that comes before everything else must not keep anybody waiting."""
+
 MAX_METADATA_DEPTH = 64
 """Far more than catalogues nest, and far below the recursion that any JSON parser stands."""
 
-MAX_VIEWPOINTS = 64
-"""Maximum viewpoints of a STREAMING block. A client uses the few nearest ones."""
 
 FREE_ANCHORS = 1 << 16
 """Any file may ask for so many anchors: what a file may ask for beyond grows with its bytes."""

@@ -12,7 +12,7 @@ from typing import Protocol
 from scarfmt.arrays import F64, I64, Numbers
 from scarfmt.container.schema import Stream
 from scarfmt.entropy.keys import TableKey
-from scarfmt.entropy.rans import SymbolSource, cached_uniform
+from scarfmt.entropy.rans import cached_uniform
 from scarfmt.entropy.symbol_reader import SymbolReader
 from scarfmt.entropy.symbol_tables import SymbolTable
 
@@ -48,9 +48,8 @@ class ObservedReader(SymbolReader):
         tables: Mapping[TableKey, SymbolTable],
         stream: Stream,
         observer: LayerObserver,
-        source: SymbolSource | None = None,
     ) -> None:
-        super().__init__(data, tables, source)
+        super().__init__(data, tables)
         self._stream = stream
         self._observer = observer
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import subprocess
 import sys
 from pathlib import Path
@@ -12,11 +11,12 @@ import pytest
 
 import scarfmt
 from fuzz.testing.scenes import random_scene
+from reference_decoder.decode import requested
 from reference_decoder.decoded import Decoded
-from reference_decoder.request import RequestFields, requested
 from scarfmt.coding.writer import write_scene
 from scarfmt.container.source import BytesSource
 from scarfmt.errors import InvalidInput, LimitExceeded, Malformed, Truncated
+from scarfmt.formats.outputs import OUTPUTS, Output
 from scarfmt.limits import Limits
 from scarfmt.tools import inspection
 from scarfmt.tools.truncate import truncate
@@ -74,10 +74,6 @@ def test_checkers_of_types_see_the_names_that_are_there() -> None:
         assert namespace[name] is getattr(scarfmt, name), name
 
 
-def test_the_keywords_of_a_request_are_its_fields() -> None:
-    assert list(RequestFields.__annotations__) == [field.name for field in dataclasses.fields(scarfmt.DecodeRequest)]
-
-
 def test_a_request_is_given_whole_or_by_its_fields() -> None:
     request = scarfmt.DecodeRequest(layers=2)
     assert requested(request, {}) is request
@@ -105,7 +101,7 @@ def test_an_open_file_answers_what_the_functions_do(path: Path) -> None:
         assert file.truncate(1) == scarfmt.truncate(DATA, 1)
         assert file.inspect() == scarfmt.inspect(DATA)
         assert file.validate(layers=1) == scarfmt.validate(DATA, layers=1)
-        assert file.layers == file.header.layers
+        assert file.complete_layers == file.header.layers
         assert repr(file) == f"<ScarFile: {len(file.decode()):,} anchors, 3 of 3 layers>"
     with pytest.raises(ValueError, match="closed"):
         file.decode()
@@ -124,7 +120,7 @@ def test_the_boxes_of_tiles_hold_their_anchors() -> None:
 def test_a_file_cut_short_opens_and_says_what_has_arrived() -> None:
     whole = scarfmt.open(DATA)
     with scarfmt.open(DATA[: whole.header.layers[1].end_offset]) as file:
-        assert file.layers == whole.header.layers[:2]
+        assert file.complete_layers == whole.header.layers[:2]
         with pytest.raises(Truncated):
             file.decode()
         assert same(file.decode(allow_truncated=True), whole.decode(layers=2))
@@ -150,11 +146,59 @@ def test_a_file_that_is_refused_is_closed(tmp_path: Path) -> None:
     with pytest.raises(Malformed):
         scarfmt.open(Source(b"no scene at all" * 20))
     assert closed == [True]
-    with pytest.raises(InvalidInput) as caught:
-        scarfmt.open(tmp_path / "none.scar")
-    assert caught.value.refusal == "input-source"
 
 
-def test_all_packages_say_that_they_are_typed() -> None:
-    for package in ("scarfmt", "reference_decoder", "reference_encoder", "conformance/suite/scarfmt_conformance"):
-        assert (REPOSITORY / package / "py.typed").is_file(), package
+def test_errors_are_of_the_kind_that_the_system_raises(tmp_path: Path, path: Path) -> None:
+    """So code that knows nothing of this package catches them."""
+    for call in (scarfmt.open, scarfmt.load, scarfmt.inspect):
+        with pytest.raises(FileNotFoundError) as caught:
+            call(tmp_path / "none.scar")
+        assert isinstance(caught.value, scarfmt.ScarError)
+    with pytest.raises(FileExistsError) as taken:
+        scarfmt.convert(path, path)
+    assert isinstance(taken.value, InvalidInput)
+
+
+def test_a_handle_refines_layer_by_layer_and_reads_no_byte_twice(path: Path) -> None:
+    with scarfmt.open(path) as file:
+        scenes = list(file.layers())
+        assert file.source.bytes_read <= len(DATA)
+    expected = [scarfmt.decode_scene(DATA, layers=number) for number in range(1, len(scenes) + 1)]
+    assert [len(scene) for scene in scenes] == [len(scene) for scene in expected]
+    for scene, other in zip(scenes, expected, strict=True):
+        assert all(map(np.array_equal, scene.arrays().values(), other.arrays().values()))
+    with scarfmt.open(DATA[: inspection.inspect(BytesSource(DATA))["layers"][0]["end_offset"]]) as cut:
+        assert len(list(cut.layers())) == 1
+
+
+@pytest.mark.parametrize("known", [one for one in OUTPUTS if one.id != "usd"], ids=lambda known: known.id)
+def test_scenes_are_saved_and_loaded_in_every_format(known: Output, path: Path, tmp_path: Path) -> None:
+    """USD is only written."""
+    scene = scarfmt.load(path)
+    target = tmp_path / f"a{known.suffix}"
+    scarfmt.save(scene, target)
+    found = scarfmt.load(target)
+    assert isinstance(found, scarfmt.GaussianScene)
+    assert len(found) == len(scene)
+
+
+def test_saving_as_scar_encodes(path: Path, tmp_path: Path) -> None:
+    options = scarfmt.EncodeOptions(effort=1, corrections=0, layers=1)
+    scarfmt.save(scarfmt.load(path), tmp_path / "a.scar", options=options)
+    assert scarfmt.validate(tmp_path / "a.scar").valid
+    with pytest.raises(InvalidInput, match="output-format"):
+        scarfmt.save(scarfmt.load(path), tmp_path / "a.obj")
+
+
+def test_options_are_checked_when_they_are_made() -> None:
+    with pytest.raises(InvalidInput, match="quality"):
+        scarfmt.EncodeOptions(quality=500)
+
+
+def test_scenes_show_themselves_shortly_and_in_notebooks(path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    scene = scarfmt.load(path)
+    assert isinstance(scene, scarfmt.GaussianScene)
+    assert repr(scene) == f"<GaussianScene: {len(scene)} Gaussians, SH degree {scene.sh_degree}>"
+    assert (scene._repr_png_() or b"")[:8] == b"\x89PNG\r\n\x1a\n"
+    monkeypatch.setitem(sys.modules, "scarfmt.render.notebook", None)
+    assert scene._repr_png_() is None

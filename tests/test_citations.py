@@ -1,4 +1,4 @@
-"""Rules and sections that code, comments and messages cite exist, in SPEC.md and in the paper."""
+"""Rules, sections and files that code, comments and messages cite exist."""
 
 from __future__ import annotations
 
@@ -7,16 +7,17 @@ import subprocess
 
 import pytest
 
+from conformance.spec.spec_text import rules
+from conformance.spec.spec_text import text as spec_text
 from tests.conftest import REPOSITORY
 
-SPEC = (REPOSITORY / "SPEC.md").read_text(encoding="utf-8")
-RULES = set(re.findall(r"\*\*(R-[0-9A-Z.]+-\d+)\*\*", SPEC))
-SECTIONS = set(re.findall(r"^#+ (?:Appendix )?((?:\d+|[A-Z])(?:\.\d+)*)\.? ", SPEC, re.MULTILINE))
+RULES = set(rules())
+SECTIONS = set(re.findall(r"^#+ (?:Appendix )?((?:\d+|[A-Z])(?:\.\d+)*)\.? ", spec_text(), re.MULTILINE))
 PAPER = {
     *("1", "2", "2.1", "2.2", "2.3", "3", "3.1", "3.2", "3.3", "3.4", "3.5", "3.6", "3.7"),
     *("4", "4.1", "5", "5.1", "5.2", "5.3", "5.4", "5.5", "6"),
 }
-"""Numbered sections of SCAR-GS, which docs/references.md identifies."""
+"""Numbered sections of SCAR-GS, which docs/under-the-hood.md identifies."""
 ENDINGS = (".py", ".c", ".h", ".js", ".mjs", ".ts", ".toml")
 WITH_INVENTED_RULES = {"tests/blocks/test_declare.py", "tests/conformance/spec/test_rules.py"}
 """Tests of what reads rules: they make up some."""
@@ -46,13 +47,13 @@ def cited_sections(text: str) -> list[tuple[str, str]]:
 
 
 def test_citations_are_told_apart() -> None:
-    text = "As SPEC §5.4, §5.5 say (paper §3.4, §3.5; SPEC §10.5). Now RFC 9110 §14.2\nand §15. Then §B.1."
+    text = "As SPEC §5.4, §5.5 say (paper §3.4, §3.5; SPEC §10.5). Now RFC 9110 §14.2\nand §15. Then §C.1."
     assert cited_sections(text) == [
         *(("SPEC", "5.4"), ("SPEC", "5.5"), ("paper", "3.4"), ("paper", "3.5"), ("SPEC", "10.5")),
-        *(("RFC 9110", "14.2"), ("RFC 9110", "15"), ("SPEC", "B.1")),
+        *(("RFC 9110", "14.2"), ("RFC 9110", "15"), ("SPEC", "C.1")),
     ]
     assert len(RULES) > 150
-    assert {"5.4", "10.5", "B.1", "C"} <= SECTIONS
+    assert {"5.4", "10.5", "C.1", "A"} <= SECTIONS
 
 
 def test_cited_rules_exist() -> None:
@@ -70,11 +71,19 @@ def test_cited_sections_exist() -> None:
     assert sorted(missing) == []
 
 
-def test_the_paper_is_identified_where_it_is_cited() -> None:
-    """By title and authors, with its sections: else "the paper" names nothing."""
-    text = (REPOSITORY / "docs" / "references.md").read_text(encoding="utf-8")
-    assert "Spatial Context Attention for Residuals in Progressive" in text
-    assert "Revilla" in text
-    numbers = set(re.findall(r"^\| (\d(?:\.\d)?)[ ,|]", text, re.MULTILINE))
-    assert numbers
-    assert numbers <= PAPER
+PATH = re.compile(
+    r"(?<![\w/])((?:docs|scarfmt|conformance|examples|benchmarks)/(?:[\w.-]+/)*[\w-]+\.(?:md|py|ply|c|h))\b"
+)
+HISTORY = "docs/decisions/"
+
+
+def test_files_named_in_code_exist() -> None:
+    """Docstrings and comments send readers to files that are there; decision records may be named by number alone."""
+    named = {
+        (name, path)
+        for name in _sources()
+        if not name.startswith(("tests/", "web/", "benchmarks/"))
+        for path in PATH.findall((REPOSITORY / name).read_text("utf-8"))
+    }
+    assert named
+    assert sorted(one for one in named if not one[1].startswith(HISTORY) and not (REPOSITORY / one[1]).exists()) == []

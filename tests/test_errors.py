@@ -8,9 +8,22 @@ import pickle
 import pytest
 
 from scarfmt import errors
-from scarfmt.errors import InputWarning, InvalidInput, LimitExceeded, Malformed, ScarError, Truncated, Unsupported
+from scarfmt.errors import (
+    DeniedFile,
+    FileTaken,
+    InputWarning,
+    InvalidInput,
+    LimitExceeded,
+    LossWarning,
+    Malformed,
+    MissingFile,
+    ScarError,
+    Truncated,
+    Unsupported,
+)
 
-CLASSES = [ScarError, Unsupported, Malformed, Truncated, LimitExceeded, InvalidInput]
+FILES = [MissingFile, DeniedFile, FileTaken]
+CLASSES = [ScarError, Unsupported, Malformed, Truncated, LimitExceeded, InvalidInput, *FILES]
 
 
 @pytest.mark.parametrize("kind", CLASSES)
@@ -30,8 +43,8 @@ def test_the_hierarchy_sorts_by_what_to_do() -> None:
     assert issubclass(InvalidInput, ValueError)
     assert not any(issubclass(kind, Malformed) for kind in (Unsupported, LimitExceeded, InvalidInput))
     public = {value for value in vars(errors).values() if isinstance(value, type) and issubclass(value, Exception)}
-    assert public - {InputWarning} == set(CLASSES)
-    assert issubclass(InputWarning, UserWarning)
+    assert public - {InputWarning, LossWarning} == set(CLASSES)
+    assert issubclass(LossWarning, InputWarning)
 
 
 @pytest.mark.parametrize("kind", CLASSES)
@@ -42,3 +55,10 @@ def test_errors_survive_copying_between_processes(kind: type[ScarError]) -> None
         assert type(twin) is kind
         assert str(twin) == str(error)
         assert (twin.refusal, twin.offset, twin.field) == ("some-id", 7, "x")
+
+
+def test_text_of_a_file_can_neither_act_on_a_terminal_nor_fill_it() -> None:
+    error = InvalidInput("some-id", "a\x1b[31m\ud800\n" + "x" * 5000, field="y\0" * 500)
+    assert str(error).isprintable()
+    assert str(error).startswith("some-id: a\\x1b[31m\\ud800\\n")
+    assert len(str(error)) < 2000

@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-import threading
-
 import numpy as np
 from scarfmt_conformance.reference.observed import LayerRecord, Records
 
 from conformance.spec import worked_network
 from fuzz.testing.neural_scenes import neural_scene
-from scarfmt.arrays import Numbers
 from scarfmt.coding.reader import SceneReader
 from scarfmt.coding.writer import write_scene
 from scarfmt.container.schema import Stream
@@ -26,30 +23,10 @@ def test_looking_changes_nothing() -> None:
     """The integers are the same with observers of every layer of every tile as without."""
     reader = SceneReader(BytesSource(write_scene(neural_scene(28, anchors=200, tiles=5))))
     models = reader.models()
-    watched = reader.tiles(models, threads=3, observe=lambda tile, layer: LayerRecord())
+    watched = reader.tiles(models, observe=lambda tile, layer: LayerRecord())
     for (tile, plain), (other, seen) in zip(reader.tiles(models), watched, strict=True):
         assert tile == other
         assert same_content(plain, seen)
-
-
-def test_the_thread_that_decodes_a_tile_asks_for_its_observers() -> None:
-    """An observer of its own therefore needs no lock."""
-    reader = SceneReader(BytesSource(write_scene(neural_scene(28, anchors=200, tiles=5))))
-    calls: dict[int, set[int]] = {}
-
-    class Watching(LayerRecord):
-        def __init__(self, tile: int) -> None:
-            super().__init__()
-            self._tile = tile
-            calls.setdefault(tile, set()).add(threading.get_ident())
-
-        def frequencies(self, stream: Stream, stage: int, frequencies: Numbers) -> None:
-            calls[self._tile].add(threading.get_ident())
-
-    for _ in reader.tiles(reader.models(), threads=3, observe=lambda tile, _: Watching(tile)):
-        pass
-    assert calls
-    assert all(len(threads) == 1 and threading.get_ident() not in threads for threads in calls.values())
 
 
 def test_embeddings_are_those_of_the_specification() -> None:

@@ -1,15 +1,14 @@
-/** Builds dist/: the package, its workers and its tests. `node build.mjs` */
+/** Builds dist/: the package, its worker, its WebAssembly module and its tests. `node build.mjs` */
 
-import { execFileSync, spawnSync } from "node:child_process";
+import { execFileSync } from "node:child_process";
 import { readdirSync, rmSync } from "node:fs";
 import { build } from "esbuild";
 
 const ROOT = import.meta.dirname;
 /** What tests and people run, beside the tests. */
 const PROGRAMS = [
-  ...["benchmark.ts", "conformance.ts", "dump.ts", "node_worker.ts", "plans.ts"],
+  ...["conformance.ts", "dump.ts", "node_worker.ts", "shot.ts", "shot_playcanvas.ts"],
   ...["page.browser.ts", "page_trouble.browser.ts", "playcanvas.browser.ts"],
-  ...["measure.ts", "shot.ts", "shot_playcanvas.ts", "suite.ts"],
 ];
 const COMMON = {
   absWorkingDir: ROOT,
@@ -36,12 +35,7 @@ await build({
   sourcemap: true,
   platform: "browser",
 });
-const compiler = process.env.CLANG ?? "clang-14";
-if (spawnSync(compiler, ["--version"]).status === 0) {
-  execFileSync(`${ROOT}/wasm/build.sh`, [`${ROOT}/dist/scar.wasm`], { stdio: "inherit" });
-} else {
-  console.warn(`no ${compiler}: dist/scar.wasm is not built, and decoders fall back to JavaScript`);
-}
+execFileSync(`${ROOT}/build_wasm.sh`, [`${ROOT}/dist/scar.wasm`], { stdio: "inherit" });
 const tests = readdirSync(`${ROOT}/test`).filter((name) => name.endsWith(".test.ts"));
 await build({
   ...COMMON,

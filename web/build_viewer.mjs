@@ -1,16 +1,12 @@
 /** Builds the page of `scarfmt view` into the Python package. `node build_viewer.mjs` */
 
 import { copyFileSync, existsSync, mkdirSync, readdirSync, readFileSync, rmSync, writeFileSync } from "node:fs";
-import { brotliCompressSync, constants, gzipSync } from "node:zlib";
 import { build } from "esbuild";
 import { writeComponents } from "./components.mjs";
 
 const ROOT = import.meta.dirname;
 const PAGE = `${ROOT}/../scarfmt/viewer/page`;
 const SPARK_MODULE = "spark.wasm";
-/** What servers send compressed; smaller files are not worth a file beside them. */
-const COMPRESSED = /\.(js|css|wasm|html)$/;
-const LEAST_COMPRESSED = 1000;
 
 /**
  * Spark has its WebAssembly as a string of 2 MB in its script. As a file of its own it is a third smaller on its way, is
@@ -56,15 +52,6 @@ function writePage({ outputs }) {
   writeFileSync(`${PAGE}/index.html`, page.replace("  </head>", `${links.map((link) => `    ${link}\n`).join("")}  </head>`));
 }
 
-/** Beside each file itself compressed, for servers that send that to browsers that take it. */
-function compress(name) {
-  const bytes = readFileSync(`${PAGE}/${name}`);
-  if (bytes.length < LEAST_COMPRESSED) return;
-  const params = { [constants.BROTLI_PARAM_SIZE_HINT]: bytes.length, [constants.BROTLI_PARAM_LGWIN]: 22 };
-  writeFileSync(`${PAGE}/${name}.br`, brotliCompressSync(bytes, { params }));
-  writeFileSync(`${PAGE}/${name}.gz`, gzipSync(bytes, { level: 9 }));
-}
-
 mkdirSync(PAGE, { recursive: true });
 for (const name of readdirSync(PAGE)) rmSync(`${PAGE}/${name}`, { recursive: true });
 const { metafile } = await build({
@@ -84,8 +71,5 @@ const { metafile } = await build({
 });
 writePage(metafile);
 copyFileSync(`${ROOT}/viewer/viewer.css`, `${PAGE}/viewer.css`);
-// Without a compiler for it there is none, and the page decodes in JavaScript.
-const module = `${ROOT}/dist/scar.wasm`;
-if (existsSync(module)) copyFileSync(module, `${PAGE}/scar.wasm`);
+copyFileSync(`${ROOT}/dist/scar.wasm`, `${PAGE}/scar.wasm`);
 writeComponents(PAGE, metafile, SPARK_MODULE);
-for (const name of readdirSync(PAGE)) if (COMPRESSED.test(name)) compress(name);

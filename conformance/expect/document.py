@@ -9,6 +9,7 @@ from typing import Any
 from conformance.decoders.python.answers import Answers
 from conformance.decoders.python.container import METADATA_KIND, blocks_of_kind, container_fields, profile_of
 from conformance.decoders.python.decoder import Decoder
+from conformance.decoders.python.front import Limits
 from conformance.decoders.python.streaming import read_streaming
 from conformance.expect.activated import Activated, activated
 from conformance.expect.expectations import Arrays, expected_layers, expected_metadata, expected_streaming
@@ -20,12 +21,13 @@ from scarfmt.coding.writer import QuantisedScene
 from scarfmt.container.schema import Profile
 
 FORMAT = "scar-conformance 2"
-BITSTREAM = "0.2"
+BITSTREAM = "0.3"
 ACTIVATED_ANCHORS = 300
 ACTIVATED_SLOTS = 1500
 """Activated values are pinned up to so many anchors and slots: each takes up to a kilobyte."""
 
 Extra = dict[str, bytes]
+_ANY = Limits(False, *[1 << 53] * 10)
 
 
 def vector_class(id_: str) -> str:
@@ -82,7 +84,7 @@ def _origin(case: Case) -> dict[str, Any]:
 
 def _decoded(case: Case, scene: QuantisedScene) -> tuple[dict[str, Any], Extra, set[str]]:
     """``layers`` and ``metadata``, the files of activated values, the features."""
-    decoder = Decoder(case.data, case.layers)
+    decoder = Decoder(case.data, case.layers, _ANY)
     answers = Answers(decoder)
     states = [
         {**arrays, **traced_arrays(trace)}
@@ -97,7 +99,7 @@ def _decoded(case: Case, scene: QuantisedScene) -> tuple[dict[str, Any], Extra, 
     if case.origin is not None:
         features.add("truncated")
     stages = layers[-1]["stages"]
-    layers[-1]["stages"] = {"container": {"container": container_fields(case.data)}, **stages}
+    layers[-1]["stages"] = {"container": {"container": container_fields(case.data, _ANY)}, **stages}
     extra: Extra = {}
     camera: dict[str, Any] = {}
     if vector_class(case.id) in ("valid", "edge") and _small(scene, states[-1]):
@@ -153,7 +155,7 @@ def _metadata(case: Case) -> dict[str, Any]:
     """The object of the METADATA block, None without one; nothing where none has to be found."""
     if case.result != "decoded":
         return {}
-    found = blocks_of_kind(case.data, METADATA_KIND)
+    found = blocks_of_kind(case.data, METADATA_KIND, _ANY)
     if not found:
         return {"metadata": None}
     try:

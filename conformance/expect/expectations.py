@@ -68,7 +68,7 @@ def _content_at(scene: QuantisedScene, layer: int, content: TileContent) -> Tile
     received = np.array([now.stages[c] for c in classes], np.int64)
     most = max(now.stages)
     indices = content.indices[kept][:, :most] * (np.arange(most) < received[:, None])
-    return TileContent(content.codes[kept], classes, values, [], indices, slot_layers)
+    return TileContent(content.codes[kept], classes, values, indices, slot_layers)
 
 
 def _coarser(v: NDArray[np.int64], steps: NDArray[np.int64]) -> NDArray[np.int64]:
@@ -88,13 +88,10 @@ def expected_streaming(told: Streaming) -> dict[str, Any]:
     view = told.view
     numbers = [] if view is None else [*view.position, *view.target, *view.up, view.fov]
     return {
-        "layers": told.gains.shape[1],
         "view": _bits(numbers) or None,
-        "viewpoints": [_bits(place) for place in told.viewpoints.tolist()],
         "low": told.low.tolist(),
         "high": told.high.tolist(),
         "reach": told.reach.tolist(),
-        "gains": told.gains.tolist(),
     }
 
 

@@ -8,7 +8,7 @@ from conformance.decoders.python.decoder import Decoder
 from conformance.decoders.python.fields import LATENT, parse_tables
 from conformance.decoders.python.tile import NAMES
 
-_KNOWN_KINDS = (1, 2, 3, 4, 5, 6, 7, 8, 16, 64)
+_KNOWN_KINDS = (1, 2, 3, 4, 5, 6, 7, 8, 15, 16, 64)
 _TABLES, _TILE, _METADATA, _STREAMING, _NO_TILE = 2, 16, 64, 65, 0xFFFFFFFF
 
 RULES = {
@@ -68,11 +68,6 @@ def _shape(decoder: Decoder, anchors: int) -> Iterator[str]:
 def _channels(decoder: Decoder) -> Iterator[str]:
     names = {channel.stream: _word(NAMES[channel.stream]) for channel in decoder.channels}
     yield from names.values()
-    rules = [rule for channel in decoder.channels for rule in channel.rules]
-    if any(rule.by_class for rule in rules):
-        yield "contexts-by-class"
-    if any(rule.source_channel != 255 for rule in rules):
-        yield "contexts-by-source"
     last = [steps for _, steps in decoder.rows[-1].classes]
     if any(n > 1 for steps in last for n in steps):
         yield "refined"

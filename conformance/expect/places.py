@@ -12,8 +12,8 @@ import json
 from functools import cache
 from pathlib import Path
 
-from conformance.decoders.python.container import FILE_HEADER, LAYER_SUMMARY, fields_at, size_of
-from conformance.decoders.python.front import Root, read_entries
+from conformance.decoders.python.container import fields_at
+from conformance.decoders.python.front import FILE_HEADER, LAYER_SUMMARY, Root, read_entries, size_of
 
 PLACES = Path(__file__).with_name("places.json")
 

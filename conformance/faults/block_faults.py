@@ -9,15 +9,25 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from conformance.faults.table_records import Record, Records, number, packed, unpacked, with_tables
-from conformance.surgery.files import blocks_of, changed, content_of, rebuilt, stored_frame, without
+from conformance.scenes.cases import Fault
+from conformance.surgery.edit import append, cut
+from conformance.surgery.files import (
+    block_of,
+    blocks_of,
+    changed,
+    content_of,
+    copied,
+    rebuilt,
+    reframed,
+    stored_frame,
+    without,
+)
 from conformance.writer.fields import rice, svarint, varint
 from conformance.writer.models import codebooks_block
 from scarfmt.blocks.codebooks import unpack_codebooks
 from scarfmt.container.file import Block
 from scarfmt.container.schema import BlockKind, Stream
 
-Fault = tuple[str, str, str, str, bytes]
-"""(name, what is wrong, rule, refusal id, file)."""
 _TABLE = "R-8.3-1", "bad-table"
 _BOOK = "R-7.8-1", "bad-codebook"
 _LAYERS = "R-7.9-1", "bad-mlp"
@@ -69,8 +79,8 @@ def table_faults(static: bytes) -> Iterator[Fault]:
            content(lambda c: varint(c[0] + 1) + c[1:] + Record(_UNUSED, (0,), (1,)).packed()[:-1] + b"\x81\0"))
     yield "table-4097", "a table of 4097 symbols", *_LIMIT, last(*range(4097), weights=(1,) * 4097)
     yield "tables-65537", "65537 tables", *_LIMIT, content(lambda c: varint(65537) + c[1:])
-    yield "tables-short", "tables that end early", *_SHORT, content(lambda c: c[:-1])
-    yield "tables-long", "a byte after the last table", *_LONG, content(lambda c: c + b"\0")
+    yield "tables-short", "tables that end early", *_SHORT, content(cut)
+    yield "tables-long", "a byte after the last table", *_LONG, content(append())
 
 
 def _with_record(data: bytes, body: bytes) -> bytes:
@@ -88,7 +98,7 @@ def _with_record(data: bytes, body: bytes) -> bytes:
 
 def codebook_faults(static: bytes, refined: bytes) -> Iterator[Fault]:
     """Faults of a file with codebook 0 only, and of one that first needs codebook 1 in layer 2."""
-    payload = next(b.payload for b in blocks_of(static) if b.kind == BlockKind.CODEBOOKS)
+    payload = block_of(static, BlockKind.CODEBOOKS).payload
     words = unpack_codebooks(payload)[0]
     size, dimension = words.shape
     columns = b"".join(rice(column.tolist()) for column in words.T)
@@ -109,8 +119,8 @@ def codebook_faults(static: bytes, refined: bytes) -> Iterator[Fault]:
     yield "book-dimensions-65", "65 dimensions", *_LIMIT, block((65, 1, 0, size))
     yield "book-4097", "4097 codewords", *_LIMIT, block((dimension, 1, 0, 4097))
     yield ("books-short", "a CODEBOOKS block that ends in its last dimension", *_SHORT,
-           _cut(static, BlockKind.CODEBOOKS, 1))
-    yield "books-long", "a byte after the last codebook", *_LONG, _longer(static, BlockKind.CODEBOOKS, 1)
+           changed(static, BlockKind.CODEBOOKS, 1, cut))
+    yield "books-long", "a byte after the last codebook", *_LONG, changed(static, BlockKind.CODEBOOKS, 1, append())
     yield from _book_places(static, refined, words)
 
 
@@ -124,8 +134,8 @@ def _book_places(static: bytes, refined: bytes, words: np.ndarray) -> Iterator[F
            changed(static, BlockKind.CODEBOOKS, 1, lambda _: both, 1))
     yield ("book-late", "codebook 1 is first needed in layer 2, but absent", rule, "missing-block",
            without(refined, BlockKind.CODEBOOKS, 2))
-    later = next(b.payload for b in blocks_of(refined) if (b.kind, b.layer) == (BlockKind.CODEBOOKS, 2))
-    first = next(b.payload for b in blocks_of(refined) if (b.kind, b.layer) == (BlockKind.CODEBOOKS, 1))
+    later = block_of(refined, BlockKind.CODEBOOKS, 2).payload
+    first = block_of(refined, BlockKind.CODEBOOKS, 1).payload
     again = codebooks_block({**unpack_codebooks(first), **unpack_codebooks(later)})
     yield ("book-again", "codebook 0 again, beside codebook 1 in the layer that first needs that", rule, "bad-codebook",
            changed(refined, BlockKind.CODEBOOKS, 2, lambda _: again, 1))
@@ -144,14 +154,6 @@ def _with_component(data: bytes, value: int) -> bytes:
         return codebooks_block(books)
 
     return changed(data, BlockKind.CODEBOOKS, 1, edit)
-
-
-def _cut(data: bytes, kind: BlockKind, layer: int) -> bytes:
-    return changed(data, kind, layer, lambda payload: payload[:-1])
-
-
-def _longer(data: bytes, kind: BlockKind, layer: int) -> bytes:
-    return changed(data, kind, layer, lambda payload: payload + b"\0")
 
 
 # ---------------------------------------------------------------------------------------------- networks
@@ -207,7 +209,7 @@ def decoder_faults(static: bytes, coloured: bytes) -> Iterator[Fault]:
     yield "mlp-two-networks", "two networks in DECODER_MLP", "R-7.9-2", "bad-mlp", decoder((good,), (good,))
     yield "mlp-no-network", "no network in DECODER_MLP", "R-7.9-2", "bad-mlp", decoder()
     yield "mlp-absent", "a stage, but no DECODER_MLP", "R-7.9-2", "missing-block", without(static, kind, 1)
-    yield "mlp-again", "a second DECODER_MLP", "R-7.9-2", "unexpected-block", _copied(coloured, kind, 2)
+    yield "mlp-again", "a second DECODER_MLP", "R-7.9-2", "unexpected-block", copied(coloured, kind, 2)
     yield ("mlp-outputs", "no outputs for the coefficients of degree 0", "R-7.9-3", "bad-mlp",
            decoder((RawLayer(9, 2),)))
     yield ("mlp-outputs-colour", "outputs for the coefficients of degree 0, which COLOUR gives", "R-7.9-3", "bad-mlp",
@@ -216,8 +218,8 @@ def decoder_faults(static: bytes, coloured: bytes) -> Iterator[Fault]:
     yield "mlp-five-layers", "five layers", *_LIMIT, content(bytes([1, 5]))
     yield "mlp-1025-rows", "1025 rows", *_LIMIT, content(bytes([1, 1]) + varint(1025) + bytes([2, 1]))
     yield "mlp-1025-columns", "1025 columns", *_LIMIT, content(bytes([1, 1, 12]) + varint(1025) + b"\1")
-    yield "mlp-short", "a network that ends early", *_SHORT, _cut(static, kind, 1)
-    yield "mlp-long", "a byte after the network", *_LONG, _longer(static, kind, 1)
+    yield "mlp-short", "a network that ends early", *_SHORT, changed(static, kind, 1, cut)
+    yield "mlp-long", "a byte after the network", *_LONG, changed(static, kind, 1, append())
     yield "mlp-content", "a frame that states 16 MiB and a byte", *_CONTENT_LIMIT, _stated(static, kind, _MLP_BYTES + 1)
 
 
@@ -228,25 +230,13 @@ def _with_width(layer: RawLayer, width: int) -> bytes:
 def _stated(data: bytes, kind: BlockKind, size: int) -> bytes:
     """The file with a frame of this content size, and hardly any content, in place of that of a block."""
     frame = bytes.fromhex("28b52ffd a0") + size.to_bytes(4, "little") + b"\1\0\0"
-    return _with_frame(data, kind, frame)
-
-
-def _with_frame(data: bytes, kind: BlockKind, frame: bytes) -> bytes:
-    blocks = blocks_of(data)
-    row = next(i for i, block in enumerate(blocks) if block.kind == kind)
-    blocks[row] = replace(blocks[row], payload=frame)
-    return rebuilt(data, blocks)
-
-
-def _copied(data: bytes, kind: BlockKind, layer: int) -> bytes:
-    blocks = blocks_of(data)
-    return rebuilt(data, [*blocks, replace(next(b for b in blocks if b.kind == kind), layer=layer)])
+    return reframed(data, kind, lambda _: frame)
 
 
 def idle_faults(static: bytes, bare: bytes) -> Iterator[Fault]:
     """Faults of a codebook and a DECODER_MLP that are put into a file that has neither stages nor LATENT."""
     for name, kind, rule in (("book", BlockKind.CODEBOOKS, "R-7.8-2"), ("mlp", BlockKind.DECODER_MLP, "R-7.9-2")):
-        block = next(block for block in blocks_of(static) if block.kind == kind)
+        block = block_of(static, kind)
         yield (f"{name}-without-stages", f"{kind.name} in a file without stages or LATENT", rule, "unexpected-block",
                rebuilt(bare, [*blocks_of(bare), block]))
 
@@ -273,12 +263,12 @@ def scene_faults(anchors: bytes, explicit: bytes) -> Iterator[Fault]:
     yield "scene-inputs", "networks of D + 2 inputs", *_SCENE, scene(two(10, 6), two(70, 6), two(30, 6))
     yield "scene-inputs-wide", "networks of D + 5 inputs", *_SCENE, scene(two(10, 9), two(70, 9), two(30, 9))
     yield ("scene-inputs-mixed", "D + 4, D + 3 and D + 4 inputs", *_SCENE, scene(opacity, two(70, 7), colour))
-    yield "scene-short", "SCENE_MLP ends early", *_SHORT, _cut(anchors, kind, 1)
-    yield "scene-long", "a byte after the third network", *_LONG, _longer(anchors, kind, 1)
+    yield "scene-short", "SCENE_MLP ends early", *_SHORT, changed(anchors, kind, 1, cut)
+    yield "scene-long", "a byte after the third network", *_LONG, changed(anchors, kind, 1, append())
     yield ("scene-content", "a SCENE_MLP frame that states 16 MiB and a byte", *_CONTENT_LIMIT,
            _stated(anchors, kind, _MLP_BYTES + 1))
-    yield "scene-later", "a second SCENE_MLP, in layer 2", "R-7.9-4", "unexpected-block", _copied(anchors, kind, 2)
-    block = next(block for block in blocks_of(anchors) if block.kind == kind)
+    yield "scene-later", "a second SCENE_MLP, in layer 2", "R-7.9-4", "unexpected-block", copied(anchors, kind, 2)
+    block = block_of(anchors, kind)
     idle = Block(kind, 1, stored_frame(content_of(block)), count=block.count)
     yield ("scene-explicit", "SCENE_MLP in the explicit profile", "R-7.9-4", "unexpected-block",
            rebuilt(explicit, [*blocks_of(explicit), idle]))

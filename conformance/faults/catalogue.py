@@ -4,59 +4,85 @@ from __future__ import annotations
 
 import zlib
 from collections.abc import Callable, Iterator
-from dataclasses import replace
 
-from conformance.faults.neural_faults import neural_faults
+from conformance.faults.block_faults import codebook_faults, decoder_faults, idle_faults, scene_faults, table_faults
+from conformance.faults.grid_faults import grid_faults
+from conformance.faults.layer_faults import layer_faults
+from conformance.faults.network_faults import network_faults, place_faults
+from conformance.faults.predictor_faults import predictor_faults
 from conformance.faults.rice_faults import rice_faults
-from conformance.scenes.cases import Case, refused
+from conformance.scenes.cases import Case, Fault, refused
+from conformance.surgery.edit import append, cut, plus, splice
 from conformance.surgery.files import (
+    block_of,
     blocks_of,
     changed,
+    copied,
     rebuilt,
+    reframed,
     substream_bytes,
     tile_parts,
     without,
 )
-from conformance.surgery.parts import broken, header_with
+from conformance.surgery.parts import broken, flipped, header_with
 from conformance.writer.models import codebooks_block
 from conformance.writer.tile import tile_block
 from scarfmt.blocks.codebooks import MAX_VALUE, unpack_codebooks
+from scarfmt.coding.writer import QuantisedScene
 from scarfmt.container.file import Block
 from scarfmt.container.schema import BlockKind, Stream
 
-Fault = tuple[str, str, str, str, bytes]
-"""(name, what is wrong, rule, refusal id, file)."""
+Files = dict[str, tuple[bytes, QuantisedScene]]
 
 
-def invalid_files(files: dict[str, bytes]) -> Iterator[Case]:
+def invalid_files(files: Files) -> Iterator[Case]:
     """Files that break a rule of each part of the format.
 
     Args:
-        files: valid vectors by name.
+        files: valid vectors by name, with their scenes.
     """
-    base, small = files["explicit-refined"], files["sh-from-network"]
+    data = {name: file for name, (file, _) in files.items()}
+    base, small = data["explicit-refined"], data["sh-from-network"]
     yield from (refused(*fault, stage="container") for fault in _front_faults(base))
     yield from (refused(*fault, stage="tiles") for fault in _block_faults(base))
     yield from (refused(*fault, stage="models") for fault in _payload_faults(base))
-    yield from (refused(*fault, stage="models") for fault in _model_faults(base, files["anchors"], small))
+    yield from (refused(*fault, stage="models") for fault in _model_faults(base, data["anchors"], small))
     yield from (refused(*fault, stage="tiles") for fault in _symbol_faults(base, small))
-    yield from rice_faults(small, files["index-equal"])
-    yield from neural_faults(files)
+    yield from rice_faults(small, data["index-equal"])
+    yield from _block_by_block(files, data)
+
+
+def _block_by_block(files: Files, data: dict[str, bytes]) -> Iterator[Case]:
+    """Faults of each kind of block that belongs to no tile."""
+    static = files["sh-from-network"]
+    for faults in (
+        layer_faults(files["explicit-refined"], files["anchors-32-slots"], static, data["predictors"],
+                     data["predictors-alone"]),
+        table_faults(static[0]),
+        codebook_faults(static[0], data["explicit-refined"]),
+        decoder_faults(static[0], data["explicit-refined"]),
+        idle_faults(static[0], data["duplicates"]),
+        scene_faults(data["anchors"], data["explicit-refined"]),
+        network_faults(data["index-two-level"], data["index-flat"], data["index-equal"], data["index-edge"]),
+        place_faults(static[0], data["index-flat"], data["index-grid"], data["index-grid-small"], data["index-modes"]),
+        grid_faults(data["index-grid-small"]),
+        predictor_faults(data["predictors"], data["predictors-edge"], data["predictors-alone"]),
+    ):
+        yield from (refused(*fault, stage="models") for fault in faults)
 
 
 def _front_faults(base: bytes) -> Iterator[Fault]:
     text = base.replace(b"\r\n", b"\n", 1)
     yield "text-mode", "CR LF of the signature became LF", "R-5.1-1", "damaged-signature", text
     yield "other-format", "a PLY file", "R-5.1-1", "bad-signature", b"ply\nformat ascii 1.0\nend_header\n"
-    later = base[:10] + b"\x03" + base[11:]
-    yield "later-version", "version 0.3; the CRC is wrong too", "R-5.1-2", "unsupported-version", later
-    flipped = base[:60] + bytes([base[60] ^ 1]) + base[61:]
-    yield "header-bit", "one bit of the header is flipped", "R-5.2-4", "header-crc-mismatch", flipped
+    yield ("later-version", "version 0.4; the CRC is wrong too", "R-5.1-2", "unsupported-version",
+           splice(10, b"\4")(base))
+    yield "header-bit", "one bit of the header is flipped", "R-5.2-4", "header-crc-mismatch", flipped(base, 60)
     yield ("page-bits-17", "pages of 2^17 tiles", "R-5.2-14", "bad-page-bits", broken(base, header_with(page_bits=17)))
     yield ("slots-two", "two slots in the explicit profile", "R-5.2-10", "bad-slots",
            broken(base, header_with(slots=2)))
     yield ("gaussians-missing", "fewer Gaussians than anchors", "R-5.3-2", "layer-counts",
-           broken(base, lambda p: p.layers[0].update(gaussian_count=p.layers[0]["anchor_count"] - 1)))
+           broken(base, {"layers.0.gaussian_count": plus(-1)}))
     yield "trailing-byte", "one byte too many", "R-5.3-7", "trailing-bytes", base + b"\0"
     yield "cut", "the last byte is missing", "R-5.3-8", "truncated-file", base[:-1]
     yield ("unknown-critical", "the last block has an unknown critical kind", "R-5.4-16", "unknown-critical-block",
@@ -70,9 +96,8 @@ def _unknown_kind(base: bytes) -> bytes:
 
 def _block_faults(base: bytes) -> Iterator[Fault]:
     _, past = substream_bytes(base, Stream.SCALE, 1)
-    damaged = bytearray(base)
-    damaged[past - 1] ^= 0x40
-    yield "block-bit", "one bit of a TILE block is flipped", "R-5.6-1", "crc-mismatch", bytes(damaged)
+    yield ("block-bit", "one bit of a TILE block is flipped", "R-5.6-1", "crc-mismatch",
+           flipped(base, past - 1, 0x40))
     yield ("substream-crc", "the CRC of a sub-stream is wrong, that of the block is right", "R-7.1-5", "crc-mismatch",
            changed(base, BlockKind.TILE, 1, _wrong_crc))
     yield ("idle-substream", "a sub-stream of a kind the layer does not code", "R-7.1-4", "bad-substream-table",
@@ -80,19 +105,19 @@ def _block_faults(base: bytes) -> Iterator[Fault]:
 
 
 def _payload_faults(base: bytes) -> Iterator[Fault]:
-    cut = changed(base, BlockKind.LAYER, 2, lambda payload: payload[:-1])
-    yield "layer-cut", "a LAYER block ends early", "R-5.7-2", "payload-short", cut
+    layer = BlockKind.LAYER
+    yield "layer-cut", "a LAYER block ends early", "R-5.7-2", "payload-short", changed(base, layer, 2, cut)
     yield ("layer-long", "a LAYER block has a byte too many", "R-5.7-2", "payload-long",
-           changed(base, BlockKind.LAYER, 2, lambda payload: payload + b"\0"))
-    long = changed(base, BlockKind.LAYER, 2, lambda payload: payload[:1] + bytes([payload[1] | 0x80, 0]) + payload[2:])
+           changed(base, layer, 2, append()))
+    long = changed(base, layer, 2, lambda payload: payload[:1] + bytes([payload[1] | 0x80, 0]) + payload[2:])
     yield "long-varint", "a varint with a superfluous byte", "R-5.7-1", "bad-varint", long
     yield ("frame-tail", "a byte after the Zstandard frame", "R-5.8-4", "bad-zstd",
-           _raw_tables(base, lambda frame: frame + b"\0"))
+           reframed(base, BlockKind.TABLES, append()))
     yield ("frame-size", "the frame states one byte more than it holds", "R-5.8-4", "bad-zstd",
-           _raw_tables(base, _larger_size))
+           reframed(base, BlockKind.TABLES, _larger_size))
     huge = bytes.fromhex("28b52ffd a0") + ((64 << 20) + 1).to_bytes(4, "little") + b"\1\0\0"
     yield ("frame-too-large", "a TABLES frame that states 64 MiB and a byte", "R-5.8-2", "content-limit",
-           _raw_tables(base, lambda _: huge))
+           reframed(base, BlockKind.TABLES, lambda _: huge))
 
 
 def _wrong_crc(payload: bytes) -> bytes:
@@ -107,14 +132,6 @@ def _with_masks(payload: bytes) -> bytes:
     return tile_block({**tile_parts(payload), Stream.MASKS: bytes([1, 0, 0, 0])})
 
 
-def _raw_tables(base: bytes, change: Callable[[bytes], bytes]) -> bytes:
-    """The file with the first TABLES block changed, frame and all."""
-    blocks = blocks_of(base)
-    row = next(i for i, block in enumerate(blocks) if block.kind == BlockKind.TABLES)
-    blocks[row] = replace(blocks[row], payload=change(blocks[row].payload))
-    return rebuilt(base, blocks)
-
-
 def _larger_size(frame: bytes) -> bytes:
     # The frame is a stored one of 256..65791 bytes: its size field is the two bytes after magic and descriptor.
     assert frame[4] == 0x60
@@ -123,46 +140,41 @@ def _larger_size(frame: bytes) -> bytes:
 
 def _model_faults(base: bytes, anchors: bytes, small: bytes) -> Iterator[Fault]:
     yield ("channels-descend", "POSITION_RESIDUAL became COLOUR, before SCALE", "R-6.4-1", "bad-channel",
-           changed(base, BlockKind.LAYER, 1, lambda p: p[:2] + bytes([Stream.COLOUR]) + p[3:]))
+           changed(base, BlockKind.LAYER, 1, splice(2, bytes([Stream.COLOUR]))))
     yield ("steps-taken-back", "a class has fewer steps than in the layer before", "R-6.5-2", "bad-layer-table",
-           changed(base, BlockKind.LAYER, 2, lambda p: p[:4] + b"\0" + p[5:]))
+           changed(base, BlockKind.LAYER, 2, splice(4, b"\0")))
     yield "no-layer-block", "layer 3 has no LAYER block", "R-6.5-1", "missing-block", without(base, BlockKind.LAYER, 3)
     yield ("no-codebook", "a stage without its codebook", "R-7.8-2", "missing-block",
            without(base, BlockKind.CODEBOOKS, 1))
-    yield "idle-codebook", "a codebook that no layer first needs", "R-7.8-2", "unexpected-block", _idle_codebook(base)
+    yield ("idle-codebook", "a codebook that no layer first needs", "R-7.8-2", "unexpected-block",
+           copied(base, BlockKind.CODEBOOKS, 3))
     yield ("no-scene-networks", "the anchor profile without SCENE_MLP", "R-7.9-4", "bad-mlp",
            without(anchors, BlockKind.SCENE_MLP, 1))
-    books = unpack_codebooks(next(b.payload for b in blocks_of(base) if b.kind == BlockKind.CODEBOOKS))
+    books = unpack_codebooks(block_of(base, BlockKind.CODEBOOKS).payload)
     books[0][0, 0] = MAX_VALUE + 1
     yield ("codeword-large", "a component of 65536", "R-7.8-1", "bad-codebook",
            changed(base, BlockKind.CODEBOOKS, 1, lambda _: codebooks_block(books)))
     yield ("weight-zero", "a weight of 0", "R-8.3-1", "bad-table",
-           changed(small, BlockKind.TABLES, 1, lambda content: content[:-1] + b"\0"))
-
-
-def _idle_codebook(base: bytes) -> bytes:
-    blocks = blocks_of(base)
-    book = next(block for block in blocks if (block.kind, block.layer) == (BlockKind.CODEBOOKS, 1))
-    return rebuilt(base, [*blocks, replace(book, layer=3)])
+           changed(small, BlockKind.TABLES, 1, splice(-1, b"\0")))
 
 
 def _symbol_faults(base: bytes, small: bytes) -> Iterator[Fault]:
     yield "no-table", "a group without a table", "R-8.3-3", "missing-table", without(base, BlockKind.TABLES, 1)
     yield ("stream-flipped", "a rANS stream that does not end in the empty state", "R-8.2-2", "rans-seal",
-           changed(small, BlockKind.TILE, 1, _one_word_more))
+           changed(small, BlockKind.TILE, 1, _scales(before=bytes([1, 0, 0, 0]))))
     yield ("last-word-zero", "the last word of a rANS stream is 0", "R-8.2-1", "rans-last-word",
-           changed(small, BlockKind.TILE, 1, _zero_word))
+           changed(small, BlockKind.TILE, 1, _scales(after=bytes(4))))
     yield "small-book", "an index without a codeword", "R-7.6-1", "bad-index", _small_book(small)
 
 
-def _one_word_more(payload: bytes) -> bytes:
-    parts = tile_parts(payload)
-    return tile_block({**parts, Stream.SCALE: bytes([1, 0, 0, 0]) + parts[Stream.SCALE]})
+def _scales(before: bytes = b"", after: bytes = b"") -> Callable[[bytes], bytes]:
+    """A change of a TILE block: words before those of SCALE, or after them."""
 
+    def change(payload: bytes) -> bytes:
+        parts = tile_parts(payload)
+        return tile_block({**parts, Stream.SCALE: before + parts[Stream.SCALE] + after})
 
-def _zero_word(payload: bytes) -> bytes:
-    parts = tile_parts(payload)
-    return tile_block({**parts, Stream.SCALE: parts[Stream.SCALE] + bytes(4)})
+    return change
 
 
 def _small_book(data: bytes) -> bytes:

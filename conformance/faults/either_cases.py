@@ -10,7 +10,8 @@ from dataclasses import replace
 
 from conformance.scenes.cases import Case
 from conformance.scenes.container_scenes import anchor_file, anchor_scene, paged_file, plain_file, plain_scene
-from conformance.surgery.parts import Change, Parts, block_added, block_with, broken, remade, taken_apart
+from conformance.surgery.edit import Changes, more, plus
+from conformance.surgery.parts import block_added, block_with, broken, entry_with, remade, taken_apart
 from scarfmt.coding.writer import QuantisedScene
 
 _METADATA = 64
@@ -29,7 +30,7 @@ def either_cases(files: Mapping[str, tuple[bytes, QuantisedScene]]) -> Iterator[
     yield from _sum_cases()
     neural, scene = files["anchors-neural"]
     for name, kind in _KINDS.items():
-        data = broken(neural, _counted_more(kind))
+        data = broken(neural, entry_with(kind, count=more))
         yield _taken(f"count-{name}", f"the directory counts one element too many in {name.upper()}", data, scene,
                      "R-5.4-19", "entry-count")
     yield from _short_cases()
@@ -40,38 +41,25 @@ def _taken(id_: str, purpose: str, data: bytes, scene: QuantisedScene, rule: str
     return Case(f"either/{id_}", purpose, data, (rule,), scene=scene, refusals=refusals)
 
 
-def _add(row: dict[str, int], field: str, more: int) -> None:
-    row[field] += more
-
-
-def _counted_more(kind: int) -> Change:
-    return lambda parts: _add(parts.entry(kind), "count", 1)
-
-
 def _sum_cases() -> Iterator[Case]:
-    plain, anchors = plain_file(), anchor_file()
-    changes: tuple[tuple[str, str, Change], ...] = (
-        ("gaussians-less", "one Gaussian less than slots turned on", lambda p: _gaussians(p, -1)),
-        ("gaussians-more", "one Gaussian more than slots turned on", lambda p: _gaussians(p, 1)),
+    rows: tuple[tuple[str, str, str, str, Changes], ...] = (
+        ("gaussians-less", "one Gaussian less than slots turned on", "R-5.3-9", "layer-counts", _gaussians(-1)),
+        ("gaussians-more", "one Gaussian more than slots turned on", "R-5.3-9", "layer-counts", _gaussians(1)),
+        ("stream-bytes", "four bytes of SCALE are counted as POSITIONS", "R-5.3-10", "layer-stream-bytes", _moved(1)),
+        ("stream-bytes-framing", "four bytes of SCALE are counted as framing", "R-5.3-10", "layer-stream-bytes",
+         _moved(12)),
     )
-    for name, purpose, change in changes:
-        yield _taken(name, purpose, broken(anchors, change), anchor_scene(), "R-5.3-9", "layer-counts")
-    yield _taken("stream-bytes", "four bytes of SCALE are counted as POSITIONS",
-                 broken(plain, lambda p: _moved(p, 5, 1)), plain_scene(), "R-5.3-10", "layer-stream-bytes")
-    yield _taken("stream-bytes-framing", "four bytes of SCALE are counted as framing",
-                 broken(plain, lambda p: _moved(p, 5, 12)), plain_scene(), "R-5.3-10", "layer-stream-bytes")
+    for name, purpose, rule, refusal, changes in rows:
+        base, scene = (plain_file(), plain_scene()) if "stream" in name else (anchor_file(), anchor_scene())
+        yield _taken(name, purpose, broken(base, changes), scene, rule, refusal)
 
 
-def _gaussians(parts: Parts, more: int) -> None:
-    _add(parts.layers[-1], "gaussian_count", more)
-    _add(parts.header, "gaussian_count", more)
+def _gaussians(by: int) -> Changes:
+    return {"layers.-1.gaussian_count": plus(by), "header.gaussian_count": plus(by)}
 
 
-def _moved(parts: Parts, source: int, target: int) -> None:
-    sizes = list(parts.layers[0]["stream_bytes"])
-    sizes[source] -= 4
-    sizes[target] += 4
-    parts.layers[0]["stream_bytes"] = tuple(sizes)
+def _moved(target: int) -> Changes:
+    return {"layers.0.stream_bytes.5": plus(-4), f"layers.0.stream_bytes.{target}": plus(4)}
 
 
 def _short_cases() -> Iterator[Case]:
@@ -93,8 +81,8 @@ def _idle_block_cases() -> Iterator[Case]:
     yield _taken("metadata-not-json", "METADATA that is not JSON, which a decoder does not look at",
                  remade(plain, block_with(_METADATA, b"{title: container}")), silent, "R-7.10-1", "bad-metadata")
     yield _taken("metadata-crc", "METADATA with a wrong CRC",
-                 broken(plain, lambda p: _add(p.entry(_METADATA), "crc32", -1)), plain_scene(), "R-5.6-1",
+                 broken(plain, entry_with(_METADATA, crc32=plus(-1))), plain_scene(), "R-5.6-1",
                  "crc-mismatch")
     annotated = remade(plain, block_added(b"annotation", kind=70, layer=2))
     yield _taken("annotation-crc", "an unknown block with a wrong CRC",
-                 broken(annotated, lambda p: _add(p.entries[-1], "crc32", 1)), plain_scene(), "R-5.6-1", "crc-mismatch")
+                 broken(annotated, {"entries.-1.crc32": more}), plain_scene(), "R-5.6-1", "crc-mismatch")

@@ -7,40 +7,42 @@ from collections.abc import Iterator
 from dataclasses import replace
 from typing import Any
 
+from conformance.faults.predictor_faults import OCCUPANCY_TARGETS
+from conformance.scenes.cases import Fault
 from conformance.scenes.made import Plan, build, steady
+from conformance.surgery.edit import splice
 from conformance.surgery.files import changed, vector_file
 from conformance.writer.models import layer_block
 from scarfmt.coding.writer import QuantisedScene
 from scarfmt.container.file import Tile
 from scarfmt.container.schema import BlockKind, Stream
-from scarfmt.scene.model import Channel, ContextRule, LayerRow, SceneModel
+from scarfmt.scene.model import Channel, LayerRow, SceneModel
 
 File = tuple[bytes, QuantisedScene]
-Fault = tuple[str, str, str, str, bytes]
-"""(name, what is wrong, rule, refusal id, file)."""
 _CHANNELS = "R-6.4-1", "bad-channel"
 _STEP = "R-6.4-3", "bad-channel"
-_SOURCE = "R-8.4-1", "bad-channel"
 _RECORD = "R-7.11-2", "bad-channel"
 _ROWS = "R-6.5-2", "bad-layer-table"
 _LIMIT = "count-limit"
 _NO_STREAM = 0
 
 
-def layer_faults(explicit: File, anchor: File, static: File) -> Iterator[Fault]:
+def layer_faults(explicit: File, anchor: File, static: File, predictors: bytes, stageless: bytes) -> Iterator[Fault]:
     """Files with a broken LAYER block.
 
     Args:
         explicit: with every channel of its profile, and three layers.
         anchor: with every channel of its profile.
         static: with SCALE only, one class and a stage in layer 1.
+        predictors: the vector of that name.
+        stageless: one without stages.
     """
     yield from _channel_faults(explicit, anchor)
     yield from _step_faults(static)
-    yield from _rule_faults(explicit, anchor)
     yield from _row_faults(explicit, anchor)
     yield from _number_faults(static)
-    yield from _mode_faults(explicit)
+    yield from _mode_faults(explicit[0], predictors, stageless)
+    yield from _context_faults(predictors)
 
 
 def _with_channels(file: File, *channels: Channel) -> bytes:
@@ -67,7 +69,7 @@ def _with_row(data: bytes, model: SceneModel, layer: int, row: LayerRow) -> byte
 
 def _of(channel: Channel, components: int) -> Channel:
     """The channel with so many components, all as the first."""
-    return Channel(channel.stream, channel.first_width[:1] * components, (ContextRule(False),) * components)
+    return Channel(channel.stream, channel.first_width[:1] * components)
 
 
 def _channel_faults(explicit: File, anchor: File) -> Iterator[Fault]:
@@ -134,36 +136,6 @@ def _step_faults(static: File) -> Iterator[Fault]:
         yield f"step-{name}", f"a step that is {what}", *_STEP, _with_channels(static, channel)
 
 
-def _rule_faults(explicit: File, anchor: File) -> Iterator[Fault]:
-    def scaled(rule: ContextRule) -> bytes:
-        """SCALE is channel 1; its component 1 gets this rule."""
-        residual, scale, *others = explicit[1].model.channels
-        rules = (scale.rules[0], rule, scale.rules[2])
-        return _with_channels(explicit, residual, replace(scale, rules=rules), *others)
-
-    def offset(rule: ContextRule) -> bytes:
-        *others, offsets = anchor[1].model.channels
-        return _with_channels(anchor, *others, replace(offsets, rules=(offsets.rules[0], rule, offsets.rules[2])))
-
-    for name, what, rule in (
-        ("self", "itself", ContextRule(False, 1, 1)),
-        ("component-later", "the component after it", ContextRule(False, 1, 2)),
-        ("channel-later", "a channel after it", ContextRule(False, 3, 0)),
-        ("channel-missing", "a channel that there is not", ContextRule(False, 254, 0)),
-        ("component-missing", "a component that its channel has not", ContextRule(False, 0, 3)),
-    ):
-        yield f"source-{name}", f"a context rule whose source is {what}", *_SOURCE, scaled(rule)
-    yield "source-shift", "a context rule that shifts by 32", *_SOURCE, scaled(ContextRule(False, 1, 0, 0, 32))
-    last = len(anchor[1].model.channels) - 1
-    yield "source-of-offsets", "OFFSETS with a source", *_SOURCE, offset(ContextRule(False, 0, 0))
-    yield "source-offsets", "OFFSETS as the source of OFFSETS", *_SOURCE, offset(ContextRule(False, last, 0))
-    for name, rule in (
-        ("component", ContextRule(False, 255, 1)), ("low", ContextRule(False, 255, 0, -1)),
-        ("shift", ContextRule(False, 255, 0, 0, 1)),
-    ):
-        yield f"no-source-{name}", f"a rule without a source, but with a {name}", *_SOURCE, scaled(rule)
-
-
 def _row_faults(explicit: File, anchor: File) -> Iterator[Fault]:
     def row(layer: int, file: File = explicit, /, **fields: Any) -> bytes:
         data, scene = file
@@ -199,37 +171,51 @@ def _with_offset_steps(anchor: File, number: int) -> bytes:
     return data
 
 
-def _mode_faults(explicit: File) -> Iterator[Fault]:
-    rule = "R-7.11-1", "unsupported-entropy-mode"
-    data, _ = explicit
-    yield ("entropy-mode-255", "entropy mode 255 in layer 2", *rule,
-           changed(data, BlockKind.LAYER, 2, lambda p: b"\xff" + p[1:]))
-    yield ("entropy-mode-first", "an entropy mode that is not assigned, and nothing after it", *rule,
-           changed(data, BlockKind.LAYER, 1, lambda _: b"\2"))
+def _mode_faults(explicit: bytes, predictors: bytes, stageless: bytes) -> Iterator[Fault]:
+    unknown, idle = ("R-7.11-1", "unsupported-entropy-mode"), ("R-10.4-1", "bad-layer-table")
+    for name, purpose, rule, data, layer, new in (
+        ("entropy-mode-2", "an entropy mode that is not assigned", unknown, predictors, 1, b"\2"),
+        ("entropy-mode-255", "entropy mode 255 in layer 2", unknown, explicit, 2, b"\xff"),
+        ("mode-without-stage", "entropy mode 1 in a layer in which no class has a stage", idle, stageless, 1, b"\1"),
+    ):
+        yield name, purpose, *rule, changed(data, BlockKind.LAYER, layer, splice(0, new))
+    yield ("entropy-mode-first", "an entropy mode that is not assigned, and nothing after it", *unknown,
+           changed(explicit, BlockKind.LAYER, 1, lambda _: b"\2"))
+
+
+def _context_faults(predictors: bytes) -> Iterator[Fault]:
+    bad = "R-10.2-1", "bad-context"
+    for name, purpose, rule, new in (
+        ("sixteen-passes", "passes_log2 is 4", bad, [4, 2, 40, 5]),
+        ("targets-equal", "occupancy targets do not descend", bad, [2, 2, 40, 40]),
+        ("target-zero", "an occupancy target is 0", bad, [2, 2, 40, 0]),
+        ("target-large", "a target of 65536", ("R-5.7-1", "bad-varint"), [2, 1, 0x80, 0x80, 4]),
+        ("five-targets", "five targets", ("R-5.7-3", "count-limit"), [2, 5, 40, 30, 20, 10, 5]),
+    ):
+        def change(payload: bytes, context: bytes = bytes(new)) -> bytes:
+            assert payload.count(OCCUPANCY_TARGETS) == 1
+            return payload.replace(OCCUPANCY_TARGETS, context)
+
+        yield name, purpose, *rule, changed(predictors, BlockKind.LAYER, 1, change)
 
 
 def _number_faults(static: File) -> Iterator[Fault]:
     data, scene = static
     channel = scene.model.channels[0]
     block = layer_block(scene.model.layers[0], (scene.model.channels, scene.model.context))
-    # entropy mode, channel count, then stream, components, step (8), by_class, source channel, component, shift, low.
-    stream, components, by_class, low = 2, 3, 12, 16
+    # entropy mode, channel count, then stream, components, first widths.
+    stream, components = 2, 3
     assert block[stream] == channel.stream
-    assert block[by_class : low + 1] == bytes([0, 255, 0, 0, 0])
 
     def at(place: int, value: bytes, length: int = 1) -> bytes:
-        return changed(data, BlockKind.LAYER, 1, lambda p: p[:place] + value + p[place + length :])
+        return changed(data, BlockKind.LAYER, 1, splice(place, value, length))
 
     for value, name in ((_NO_STREAM, "no stream kind"), (Stream.INDICES, "INDICES"), (Stream.FRAMING, "FRAMING")):
         yield f"channel-stream-{int(value)}", f"a channel of {name}", *_RECORD, at(stream, bytes([value]))
     yield "components-0", "a channel without components", *_RECORD, at(components, b"\0")
     yield "components-65", "a channel of 65 components", *_RECORD, at(components, bytes([65]))
-    yield "by-class-2", "by_class is 2", *_RECORD, at(by_class, b"\2")
-    yield ("low-34-bits", "a number of 34 bits where 33 are allowed", "R-5.7-1", "bad-varint",
-           at(low, bytes([0x80, 0x80, 0x80, 0x80, 0x20])))
-    yield ("low-six-bytes", "a varint(33) of six bytes", "R-5.7-1", "bad-varint",
-           at(low, bytes([0x80, 0x80, 0x80, 0x80, 0x80, 1])))
     yield ("count-63-bits", "a count of 2^63", "R-5.7-1", "bad-varint", at(1, b"\x80" * 9 + b"\1"))
+    yield ("count-ten-bytes", "a count of 2^64 + 1", "R-5.7-1", "bad-varint", at(1, b"\x81" + b"\x80" * 8 + b"\2"))
     yield ("count-2-62", "a count of 2^62", "R-5.7-3", _LIMIT, at(1, b"\x80" * 8 + b"\x40"))
     yield ("count-two-bytes", "a count of 1 in two bytes", "R-5.7-1", "bad-varint", at(1, b"\x81\0"))
     yield "layer-one-byte", "a LAYER block of one byte", "R-5.7-2", "payload-short", at(1, b"", len(block) - 1)

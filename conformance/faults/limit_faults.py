@@ -17,6 +17,7 @@ from conformance.scenes.container_scenes import (
     plain_scene,
     root_file,
 )
+from conformance.surgery.edit import Changes
 from conformance.surgery.files import vector_file
 from conformance.surgery.parts import TILE_KIND, Parts, broken, header_with, remade, taken_apart
 
@@ -53,22 +54,15 @@ def _header_limits() -> Iterator[Case]:
     yield _either("limit-root", "root_length is 2^24 + 1, and the blocks begin before that", "R-5.2-19",
                   broken(base, header_with(root_length=_READER_ROOT + 1)), "limit-root", "layer-offset")
     for name, count in (("limit-anchors", _MAX_ANCHORS + 1), ("limit-anchors-2-63", 1 << 63)):
-        yield _refused(name, f"{count} anchors declared", "R-5.2-19", "limit-anchors", _with_anchors(base, count))
+        yield _refused(name, f"{count} anchors declared", "R-5.2-19", "limit-anchors",
+                       broken(base, _counts(anchor=count, gaussian=count)))
     yield _either("limit-gaussians", "2^36 + 1 Gaussians declared, more than the anchors can have", "R-5.2-19",
-                  broken(anchor_file(), lambda p: _set_gaussians(p, _READER_GAUSSIANS + 1)), "limit-gaussians",
-                  "layer-counts")
+                  broken(anchor_file(), _counts(gaussian=_READER_GAUSSIANS + 1)), "limit-gaussians", "layer-counts")
 
 
-def _with_anchors(base: bytes, count: int) -> bytes:
-    def change(parts: Parts) -> None:
-        for row in (parts.header, *parts.layers):
-            row.update(anchor_count=count, gaussian_count=count)
-
-    return broken(base, change)
-
-
-def _set_gaussians(parts: Parts, count: int) -> None:
-    parts.header["gaussian_count"] = parts.layers[-1]["gaussian_count"] = count
+def _counts(**counts: int) -> Changes:
+    """Counts of the last layer and of the header."""
+    return {f"{row}.{name}_count": count for row in ("layers.-1", "header") for name, count in counts.items()}
 
 
 def _expansion_limits() -> Iterator[Case]:

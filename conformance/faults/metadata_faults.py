@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from conformance.faults.limit_faults import long_last_block
 from conformance.scenes.cases import Case
 from conformance.scenes.container_scenes import root_file
-from conformance.surgery.parts import block_added, broken, remade
+from conformance.surgery.parts import block_added, broken, entry_with, remade
 
 _METADATA = 64
 _MAX_BYTES, _MAX_DEPTH = 1 << 24, 64
@@ -56,7 +56,7 @@ def metadata_faults() -> Iterator[Case]:
     for name, purpose, text in _DEEP:
         yield _refused(name, purpose, "R-7.10-3", "limit-metadata", text)
     sound = remade(root_file(), block_added(b"{}", kind=_METADATA, flags=2))
-    wrong = broken(sound, lambda p: p.entry(_METADATA).update(crc32=0))
+    wrong = broken(sound, entry_with(_METADATA, crc32=0))
     yield Case("invalid/metadata-crc-zero", "METADATA whose CRC says 0", wrong, ("R-5.6-1",),
                refusals=("crc-mismatch",), stage="metadata")
 

@@ -4,242 +4,141 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 
-from conformance.scenes.cases import Case, refused
+from conformance.scenes.cases import Case, Fault, refused
 from conformance.scenes.container_scenes import paged_file, plain_file, root_file
+from conformance.surgery.edit import Changes, append, cut, more, plus, splice
 from conformance.surgery.parts import flipped, repaged, taken_apart
 from conformance.surgery.raw_pages import RawRows, RawTiles
 from conformance.writer.fields import varint
-from conformance.writer.pages import Pages, RowPage
 
-PageChange = Callable[[Pages], object]
 _MAX_BLOCK = 1 << 31
 
 
 def page_faults() -> Iterator[Case]:
     """In the order of the rules."""
-    yield from _checksum_faults()
-    yield from _tile_structure_faults()
-    yield from _row_structure_faults()
-    yield from _tile_faults()
-    yield from _order_faults()
-    yield from _row_faults()
-
-
-def _case(name: str, purpose: str, rule: str, refusal: str, data: bytes) -> Case:
-    return refused(name, purpose, rule, refusal, data, "container")
+    base = paged_file()
+    for faults in (_checksum_faults(base), _structure_faults(base), _tile_faults(base), _order_faults(base),
+                   _row_faults(base)):
+        yield from (refused(*fault, stage="container") for fault in faults)
 
 
 # ------------------------------------------------------------------------------------------------ bytes
 
 
-def _checksum_faults() -> Iterator[Case]:
-    base = paged_file()
+def _checksum_faults(base: bytes) -> Iterator[Fault]:
     parts = taken_apart(base)
     start = parts.header["header_length"] + parts.root_length
-    rule = "R-5.5-1", "page-crc-mismatch"
-    yield _case("tile-page-bit", "one bit of the first tile page is flipped", *rule, flipped(base, start))
-    yield _case("row-page-bit", "one bit of the last row page is flipped", *rule,
-                flipped(base, start + parts.pages_length - 1))
-    yield _case("tile-page-crc", "ROOT has a wrong CRC for the tile page of tiles without blocks", *rule,
-                repaged(base, root=lambda pages: _flip(pages, 1, None)))
-    yield _case("row-page-crc", "ROOT has a wrong CRC for a row page of layer 2", *rule,
-                repaged(base, root=lambda pages: _flip(pages, 0, 2)))
+    for name, purpose, data in (
+        ("tile-page-bit", "one bit of the first tile page is flipped", flipped(base, start)),
+        ("row-page-bit", "one bit of the last row page is flipped", flipped(base, start + parts.pages_length - 1)),
+        ("tile-page-crc", "ROOT has a wrong CRC for the tile page of tiles without blocks",
+         repaged(base, root={"root.pages.1.tile_crc32": lambda crc: crc ^ 1})),
+        ("row-page-crc", "ROOT has a wrong CRC for a row page of layer 2",
+         repaged(base, root={"root.pages.0.rows.1.row_crc32": lambda crc: crc ^ 1})),
+    ):
+        yield name, purpose, "R-5.5-1", "page-crc-mismatch", data
 
 
-def _flip(pages: Pages, page: int, layer: int | None) -> None:
-    root = pages.root.pages[page]
-    if layer is None:
-        root.tile_crc32 ^= 1
-    else:
-        root.rows[layer - 1].row_crc32 ^= 1
+def _structure_faults(base: bytes) -> Iterator[Fault]:
+    """Bytes of a tile page, or, of a layer and a page, of a row page."""
 
+    def raw(place: tuple[int, ...], change: Callable[[bytes], bytes]) -> bytes:
+        kind = RawTiles if len(place) == 1 else RawRows
+        path = f"tiles.{place[0]}" if len(place) == 1 else f"rows.{place[0] - 1}.{place[1]}"
+        return repaged(base, {path: lambda page: kind([], [], [], change(page.packed()))})
 
-def _tiles_as(page: int, change: Callable[[bytes], bytes]) -> bytes:
-    """The paged file with the bytes of a tile page changed."""
-
-    def changed(pages: Pages) -> None:
-        pages.tiles[page] = RawTiles([], [], [], change(pages.tiles[page].packed()))
-
-    return repaged(paged_file(), changed)
-
-
-def _rows_as(layer: int, page: int, change: Callable[[bytes], bytes]) -> bytes:
-    """The paged file with the bytes of a row page changed."""
-
-    def changed(pages: Pages) -> None:
-        rows = pages.rows[layer - 1][page]
-        assert rows is not None
-        pages.rows[layer - 1][page] = RawRows([], [], [], change(rows.packed()))
-
-    return repaged(paged_file(), changed)
-
-
-def _structure_case(name: str, purpose: str, refusal: str, data: bytes) -> Case:
-    rule = "R-5.7-1" if refusal == "bad-varint" else "R-5.7-2"
-    return Case(f"invalid/{name}", purpose, data, (rule, "R-5.5-2"), refusals=(refusal,), stage="container")
-
-
-def _tile_structure_faults() -> Iterator[Case]:
-    rows: tuple[tuple[str, str, str, bytes], ...] = (
-        ("tile-page-short", "the last gap of a tile page is not ended", "payload-short",
-         _tiles_as(0, lambda page: page[:-1] + bytes([page[-1] | 0x80]))),
-        ("tile-page-long", "a byte after the last gap of a tile page", "payload-long",
-         _tiles_as(2, lambda page: page + b"\0")),
-        ("tile-page-gap-two-bytes", "a gap that takes a byte too many", "bad-varint",
-         _tiles_as(0, lambda page: page[:-1] + bytes([page[-1] | 0x80, 0]))),
-        ("tile-page-gap-2-63", "a gap of 2^63 between two tiles of a page", "bad-varint",
-         _tiles_as(2, lambda page: page[:5] + varint(1 << 63))),
-    )
-    for name, purpose, refusal, data in rows:
-        yield _structure_case(name, purpose, refusal, data)
-
-
-def _row_structure_faults() -> Iterator[Case]:
     # Of layer 2, page 0: two lengths and two counts of a byte each, two CRCs.
-    rows: tuple[tuple[str, str, str, bytes], ...] = (
-        ("row-page-short", "the last byte of a row page is missing", "payload-short",
-         _rows_as(2, 0, lambda page: page[:-1])),
-        ("row-page-long", "a byte after the last CRC of a row page", "payload-long",
-         _rows_as(2, 3, lambda page: page + b"\0")),
-        ("row-page-idle-count", "a count and a CRC for a tile without a block", "payload-long",
-         _rows_as(1, 0, lambda page: page[:3] + b"\0" + page[3:] + bytes(4))),
-        ("row-page-no-lengths", "a row page whose lengths are all 0", "payload-long",
-         _rows_as(1, 2, lambda page: b"\0\0" + page[2:])),
-        ("row-page-length-two-bytes", "a length that takes a byte too many", "bad-varint",
-         _rows_as(1, 0, lambda page: bytes([page[0] | 0x80, 0]) + page[1:])),
-        ("row-page-zero-two-bytes", "a length of 0 in two bytes", "bad-varint",
-         _rows_as(1, 0, lambda page: page[:1] + b"\x80\0" + page[2:])),
-        ("row-page-length-2-53", "a length of 2^53", "bad-varint",
-         _rows_as(2, 0, lambda page: varint(1 << 53) + page[1:])),
-        ("row-page-count-2-32", "a count of 2^32", "bad-varint",
-         _rows_as(2, 0, lambda page: page[:2] + varint(1 << 32) + page[3:])),
+    rows: tuple[tuple[str, str, str, tuple[int, ...], Callable[[bytes], bytes]], ...] = (
+        ("tile-page-short", "the last gap of a tile page is not ended", "payload-short", (0,),
+         lambda page: page[:-1] + bytes([page[-1] | 0x80])),
+        ("tile-page-long", "a byte after the last gap of a tile page", "payload-long", (2,), append()),
+        ("tile-page-gap-two-bytes", "a gap that takes a byte too many", "bad-varint", (0,),
+         lambda page: page[:-1] + bytes([page[-1] | 0x80, 0])),
+        ("tile-page-gap-2-63", "a gap of 2^63 between two tiles of a page", "bad-varint", (2,),
+         lambda page: page[:5] + varint(1 << 63)),
+        ("row-page-short", "the last byte of a row page is missing", "payload-short", (2, 0), cut),
+        ("row-page-long", "a byte after the last CRC of a row page", "payload-long", (2, 3), append()),
+        ("row-page-idle-count", "a count and a CRC for a tile without a block", "payload-long", (1, 0),
+         lambda page: page[:3] + b"\0" + page[3:] + bytes(4)),
+        ("row-page-no-lengths", "a row page whose lengths are all 0", "payload-long", (1, 2), splice(0, b"\0\0", 2)),
+        ("row-page-length-two-bytes", "a length that takes a byte too many", "bad-varint", (1, 0),
+         lambda page: bytes([page[0] | 0x80, 0]) + page[1:]),
+        ("row-page-zero-two-bytes", "a length of 0 in two bytes", "bad-varint", (1, 0), splice(1, b"\x80\0")),
+        ("row-page-length-2-53", "a length of 2^53", "bad-varint", (2, 0), splice(0, varint(1 << 53))),
+        ("row-page-count-2-32", "a count of 2^32", "bad-varint", (2, 0), splice(2, varint(1 << 32))),
     )
-    for name, purpose, refusal, data in rows:
-        yield _structure_case(name, purpose, refusal, data)
+    for name, purpose, refusal, place, change in rows:
+        rule = "R-5.7-1" if refusal == "bad-varint" else "R-5.7-2"
+        yield name, purpose, f"{rule} R-5.5-2", refusal, raw(place, change)
 
 
 # ------------------------------------------------------------------------------------------------ tiles
 
 
-def _tile(base: bytes, page: int, tile: int, **numbers: int) -> bytes:
-    """The file with `depth`, `shift` or `gap` of a tile of a page changed, the page's bytes and CRC right."""
-
-    def change(pages: Pages) -> None:
-        columns = {"depth": pages.tiles[page].depths, "shift": pages.tiles[page].shifts, "gap": pages.tiles[page].gaps}
-        for name, number in numbers.items():
-            columns[name][tile] = number
-
-    return repaged(base, change)
-
-
-def _tile_faults() -> Iterator[Case]:
-    plain, base, root = plain_file(), paged_file(), root_file()
-    rows: tuple[tuple[str, str, str, str, bytes], ...] = (
-        ("tile-depth-22", "depth 22, with local bits in range", "R-5.5-3", "tile-depth",
-         _tile(base, 3, 0, depth=22, shift=5)),
-        ("tile-depth-255", "depth 255", "R-5.5-3", "tile-depth", _tile(plain, 0, 2, depth=255)),
-        ("tile-shift-32", "shift 32, with 0 local bits", "R-5.5-4", "tile-shift", _tile(root, 0, 0, shift=32)),
-        ("tile-shift-high", "shift 255", "R-5.5-4", "tile-shift", _tile(base, 1, 1, shift=255)),
-        ("tile-local-22", "22 local bits", "R-5.5-5", "tile-local-bits", _tile(plain, 0, 2, shift=9)),
-        ("tile-too-deep", "local bits below 0", "R-5.5-5", "tile-local-bits", _tile(base, 2, 1, shift=12)),
-        ("tile-prefix-root", "a prefix that is not 0 at depth 0", "R-5.5-6", "tile-prefix",
-         _tile(root, 0, 0, gap=1)),
-        ("tile-prefix-large", "a prefix of 4 bits at depth 1", "R-5.5-6", "tile-prefix", _tile(plain, 0, 2, gap=5)),
-        ("tile-prefix-shifted-out", "a prefix of 16 at depth 1: all of it is beyond the 64 bits of `first`", "R-5.5-6",
-         "tile-prefix", _tile(plain, 0, 2, gap=13)),
-        ("tile-prefix-2-63", "a prefix of 2^63 at depth 21", "R-5.5-6", "tile-prefix",
-         _tile(base, 2, 1, gap=(1 << 63) - (4 << 60))),
-        ("tile-prefix-top", "a gap of 2^63 - 1 at depth 21: the prefix is beyond signed 64 bits", "R-5.5-6",
-         "tile-prefix", _tile(base, 2, 1, gap=(1 << 63) - 1)),
-        ("tile-prefix-after-end", "a tile after one that ends at 2^63", "R-5.5-6", "tile-prefix",
-         _tile(base, 2, 0, gap=4)),
+def _tile_faults(base: bytes) -> Iterator[Fault]:
+    plain, root = plain_file(), root_file()
+    depth, shift, local, prefix = (("R-5.5-3", "tile-depth"), ("R-5.5-4", "tile-shift"),
+                                   ("R-5.5-5", "tile-local-bits"), ("R-5.5-6", "tile-prefix"))
+    rows: tuple[tuple[str, str, tuple[str, str], bytes, Changes], ...] = (
+        ("depth-22", "depth 22, with local bits in range", depth, base,
+         {"tiles.3.depths.0": 22, "tiles.3.shifts.0": 5}),
+        ("depth-255", "depth 255", depth, plain, {"tiles.0.depths.2": 255}),
+        ("shift-32", "shift 32, with 0 local bits", shift, root, {"tiles.0.shifts.0": 32}),
+        ("shift-high", "shift 255", shift, base, {"tiles.1.shifts.1": 255}),
+        ("local-22", "22 local bits", local, plain, {"tiles.0.shifts.2": 9}),
+        ("too-deep", "local bits below 0", local, base, {"tiles.2.shifts.1": 12}),
+        ("prefix-root", "a prefix that is not 0 at depth 0", prefix, root, {"tiles.0.gaps.0": 1}),
+        ("prefix-large", "a prefix of 4 bits at depth 1", prefix, plain, {"tiles.0.gaps.2": 5}),
+        ("prefix-shifted-out", "a prefix of 16 at depth 1: all of it is beyond the 64 bits of `first`", prefix, plain,
+         {"tiles.0.gaps.2": 13}),
+        ("prefix-2-63", "a prefix of 2^63 at depth 21", prefix, base, {"tiles.2.gaps.1": (1 << 63) - (4 << 60)}),
+        ("prefix-top", "a gap of 2^63 - 1 at depth 21: the prefix is beyond signed 64 bits", prefix, base,
+         {"tiles.2.gaps.1": (1 << 63) - 1}),
+        ("prefix-after-end", "a tile after one that ends at 2^63", prefix, base, {"tiles.2.gaps.0": 4}),
     )
-    for name, purpose, rule, refusal, data in rows:
-        yield _case(name, purpose, rule, refusal, data)
+    for name, purpose, rule, data, changes in rows:
+        yield f"tile-{name}", purpose, *rule, repaged(data, changes)
 
 
-def _order_faults() -> Iterator[Case]:
-    base = paged_file()
-
-    def moved(page: int, more: int) -> bytes:
-        """The file in which a page begins later, and the next where it did."""
-
-        def change(pages: Pages) -> None:
-            pages.root.pages[page].gap += more
-            if page + 1 < len(pages.root.pages):
-                pages.root.pages[page + 1].gap -= more
-
-        return repaged(base, root=change)
-
-    rows: tuple[tuple[str, str, bytes], ...] = (
-        ("page-first-gap", "the first tile of a page begins one cube after the page", _tile(base, 1, 0, gap=1)),
-        ("page-base-odd", "a page begins one code before its first tile", moved(1, -1)),
-        ("page-base-inside", "a page begins within a cube of its first tile's depth", moved(2, 1)),
-        ("page-overlap", "a tile page ends one code after the next begins", _overlapping(1)),
+def _order_faults(base: bytes) -> Iterator[Fault]:
+    parts = taken_apart(base)
+    before, past = parts.pages().root.pages[1].gap, parts.tiles[1]["prefix"] + 1 << 3 * (21 - parts.tiles[1]["depth"])
+    # Where a page begins later, the next begins where it did.
+    rows: tuple[tuple[str, str, Changes, Changes], ...] = (
+        ("page-first-gap", "the first tile of a page begins one cube after the page", {"tiles.1.gaps.0": 1}, {}),
+        ("page-base-odd", "a page begins one code before its first tile", {},
+         {"root.pages.1.gap": plus(-1), "root.pages.2.gap": more}),
+        ("page-base-inside", "a page begins within a cube of its first tile's depth", {},
+         {"root.pages.2.gap": more, "root.pages.3.gap": plus(-1)}),
+        ("page-overlap", "a tile page ends one code after the next begins", {},
+         {"root.pages.1.gap": past - 1, "root.pages.2.gap": plus(before - (past - 1))}),
         ("page-overlap-far", "the last tile of a page lies behind the page after the next",
-         _tile(base, 0, 1, depth=1, gap=2)),
+         {"tiles.0.depths.1": 1, "tiles.0.gaps.1": 2}, {}),
     )
-    for name, purpose, data in rows:
-        yield _case(name, purpose, "R-5.5-7", "tile-order", data)
-
-
-def _overlapping(codes: int) -> bytes:
-    """Page 1 begins so many codes before the end of page 0."""
-    tiles = taken_apart(paged_file()).tiles
-    past = tiles[1]["prefix"] + 1 << 3 * (21 - tiles[1]["depth"])
-
-    def change(pages: Pages) -> None:
-        before = pages.root.pages[1].gap
-        pages.root.pages[1].gap = past - codes
-        pages.root.pages[2].gap += before - (past - codes)
-
-    return repaged(paged_file(), root=change)
+    for name, purpose, contents, root in rows:
+        yield name, purpose, "R-5.5-7", "tile-order", repaged(base, contents, root)
 
 
 # ------------------------------------------------------------------------------------------------ rows
 
 
-def _row(layer: int, page: int, change: Callable[[RowPage], object]) -> bytes:
-    """The paged file with a row page changed, its bytes and CRC right."""
-
-    def changed(pages: Pages) -> None:
-        rows = pages.rows[layer - 1][page]
-        assert rows is not None
-        change(rows)
-
-    return repaged(paged_file(), changed)
-
-
-def _add(numbers: list[int], place: int, more: int) -> None:
-    numbers[place] += more
-
-
-def _row_faults() -> Iterator[Case]:
-    limits = ("R-13.1-1",)
-    for name, purpose, rule, refusal, data in (
-        ("limit-tile-block-bytes", "a TILE block of 2^31 + 1 bytes", "R-5.5-8", "limit-block-bytes",
-         _row(2, 0, lambda rows: _add(rows.lengths, 0, _MAX_BLOCK + 1 - rows.lengths[0]))),
-        ("limit-tile-block-bytes-top", "a TILE block of 2^53 - 1 bytes", "R-5.5-8", "limit-block-bytes",
-         _row(1, 2, lambda rows: _add(rows.lengths, 1, (1 << 53) - 1 - rows.lengths[1]))),
-        ("limit-tile-anchors-top", "a TILE block that says 2^32 - 1 anchors", "R-5.5-9", "limit-tile-anchors",
-         _row(2, 0, lambda rows: _add(rows.counts, 0, (1 << 32) - 1 - rows.counts[0]))),
-    ):
-        yield Case(f"invalid/{name}", purpose, data, (rule, *limits), refusals=(refusal,), stage="container")
-    sums = "R-5.5-10", "page-sums"
-    yield _case("row-byte-more", "the lengths of a page sum to a byte more than ROOT says", *sums,
-                _row(1, 0, lambda rows: _add(rows.lengths, 0, 1)))
-    yield _case("row-byte-less", "the lengths of a page sum to a byte less than ROOT says", *sums,
-                _row(2, 3, lambda rows: _add(rows.lengths, 0, -1)))
-    yield _case("row-anchor-more", "the counts of a page sum to one more than ROOT says", *sums,
-                _row(2, 0, lambda rows: _add(rows.counts, 1, 1)))
-    for field, what in (("block_bytes", "byte"), ("anchors", "anchor")):
-        yield _case(f"page-takes-{what}", f"ROOT gives one {what} of page 2 to page 0", *sums, _given(field))
-
-
-def _given(field: str) -> bytes:
-    def change(pages: Pages) -> None:
-        for page, more in ((0, 1), (2, -1)):
-            row = pages.root.pages[page].rows[0]
-            setattr(row, field, getattr(row, field) + more)
-
-    return repaged(paged_file(), root=change)
+def _row_faults(base: bytes) -> Iterator[Fault]:
+    large, sums = ("R-5.5-8 R-13.1-1", "limit-block-bytes"), ("R-5.5-10", "page-sums")
+    rows: tuple[tuple[str, str, tuple[str, str], Changes, Changes], ...] = (
+        ("limit-tile-block-bytes", "a TILE block of 2^31 + 1 bytes", large, {"rows.1.0.lengths.0": _MAX_BLOCK + 1}, {}),
+        ("limit-tile-block-bytes-top", "a TILE block of 2^53 - 1 bytes", large,
+         {"rows.0.2.lengths.1": (1 << 53) - 1}, {}),
+        ("limit-tile-anchors-top", "a TILE block that says 2^32 - 1 anchors",
+         ("R-5.5-9 R-13.1-1", "limit-tile-anchors"), {"rows.1.0.counts.0": (1 << 32) - 1}, {}),
+        ("row-byte-more", "the lengths of a page sum to a byte more than ROOT says", sums,
+         {"rows.0.0.lengths.0": more}, {}),
+        ("row-byte-less", "the lengths of a page sum to a byte less than ROOT says", sums,
+         {"rows.1.3.lengths.0": plus(-1)}, {}),
+        ("row-anchor-more", "the counts of a page sum to one more than ROOT says", sums,
+         {"rows.1.0.counts.1": more}, {}),
+        *((f"page-takes-{what}", f"ROOT gives one {what} of page 2 to page 0", sums, {},
+           {f"root.pages.0.rows.0.{field}": more, f"root.pages.2.rows.0.{field}": plus(-1)})
+          for field, what in (("block_bytes", "byte"), ("anchors", "anchor"))),
+    )
+    for name, purpose, rule, contents, root in rows:
+        yield name, purpose, *rule, repaged(base, contents, root)

@@ -9,8 +9,8 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from conformance.scenes.cases import Case, refused
-from conformance.surgery.files import blocks_of, changed
+from conformance.scenes.cases import Case, Fault, refused
+from conformance.surgery.files import block_of, changed
 from conformance.writer.fields import rice, shifted
 from conformance.writer.models import codebooks_block
 from scarfmt.arrays import I64
@@ -19,8 +19,6 @@ from scarfmt.blocks.index_network import unpack_network
 from scarfmt.container.schema import BlockKind
 from scarfmt.entropy.rice import MAX_PARAMETER, MAX_QUOTIENT
 
-Fault = tuple[str, str, str, str, bytes]
-"""(name, what is wrong, rule, refusal id, file)."""
 _RULE = "R-5.9-1", "bad-rice"
 _SHIFT_RULE = "R-5.9-2", "bad-rice"
 _ORDER = "R-5.9-3"
@@ -37,7 +35,7 @@ def rice_faults(coded: bytes, equal: bytes) -> Iterator[Case]:
 
 
 def _codebook_faults(data: bytes) -> Iterator[Fault]:
-    payload = next(b.payload for b in blocks_of(data) if (b.kind, b.layer) == (BlockKind.CODEBOOKS, 1))
+    payload = block_of(data, BlockKind.CODEBOOKS, 1).payload
     books = unpack_codebooks(payload)
     words = books[max(books)][:, -1]
     start = len(payload) - len(rice(words.tolist()))
@@ -86,7 +84,7 @@ def _bytes(bits: str, last: int) -> bytes:
 
 
 def _shift_faults(equal: bytes) -> Iterator[Fault]:
-    payload = next(block.payload for block in blocks_of(equal) if block.kind == BlockKind.ENTROPY_NETWORK)
+    payload = block_of(equal, BlockKind.ENTROPY_NETWORK).payload
     biases: I64 = unpack_network(payload).heads[-1].biases
     tail = shifted(biases.tolist())
     assert payload.endswith(tail)

@@ -10,10 +10,11 @@ from collections.abc import Callable, Iterator
 from dataclasses import replace
 
 from conformance.faults.table_records import Record, Records, number, rans_words, uniform, valued, with_tables
-from conformance.scenes.cases import Case, refused
-from conformance.scenes.made import PLAIN, Plan, build, channel
+from conformance.scenes.cases import Case, Fault, refused
+from conformance.scenes.made import Plan, build, channel
 from conformance.scenes.neural_models import PredictorPlan
 from conformance.surgery.files import blocks_of, layer_counts_of, rebuilt, tile_parts, vector_file
+from conformance.surgery.parts import flipped
 from conformance.writer.tile import tile_block
 from scarfmt.coding.writer import QuantisedScene
 from scarfmt.container.file import Block, Tile
@@ -21,13 +22,12 @@ from scarfmt.container.schema import BlockKind, Stream
 from scarfmt.scene.model import Channel, DecodedContext, LayerRow
 
 Files = dict[str, tuple[bytes, QuantisedScene]]
-Fault = tuple[str, str, str, str, bytes]
-"""(name, what is wrong, rule, refusal id, file)."""
 _TABLE = "bad-substream-table"
 _SEAL = "R-8.2-2", "rans-seal"
 _SPLIT = "R-7.2-1", "bad-split"
 _RANGE = "R-7.5-2", "value-range"
 _REACH = "R-7.5-3", "value-range"
+_INDEX = "R-7.6-1", "bad-index"
 
 
 def stream_faults(files: Files) -> Iterator[Case]:
@@ -42,12 +42,10 @@ def stream_faults(files: Files) -> Iterator[Case]:
         _idle_faults(data["explicit-refined"], data["one-symbol"]),
         _rans_faults(data),
         _missing_tables(data),
-        _position_faults(data["sh-from-network"], data["duplicates"], data["full-block"]),
-        _anchor_faults(data),
-        _trit_faults(data["explicit-refined"], data["predictors"]),
+        _value_faults(data),
+        _rest_faults(data["full-block"]),
         _range_faults(),
         _reach_faults(),
-        _index_faults(data["explicit-refined"]),
     ):
         yield from (refused(*fault, stage="tiles") for fault in faults)
 
@@ -55,25 +53,26 @@ def stream_faults(files: Files) -> Iterator[Case]:
 # ---------------------------------------------------------------------------------------------- the TILE block
 
 
-def _with_tile(data: bytes, layer: int, change: Callable[[bytes], bytes]) -> bytes:
-    """The file with its first TILE block of `layer` changed, whatever becomes of it: all its bytes count as FRAMING."""
+def _with_block(data: bytes, layer: int, change: Callable[[Block], Block]) -> bytes:
+    """The file with its first TILE block of `layer` changed."""
     blocks = blocks_of(data)
     row = next(i for i, block in enumerate(blocks) if (block.kind, block.layer) == (BlockKind.TILE, layer))
-    payload = change(blocks[row].payload)
-    assert payload != blocks[row].payload
-    blocks[row] = replace(blocks[row], payload=payload, stream_bytes={})
+    made = change(blocks[row])
+    assert made.payload != blocks[row].payload
+    blocks[row] = made
     return rebuilt(data, blocks)
 
 
 def _with_part(data: bytes, layer: int, stream: Stream, change: Callable[[bytes], bytes]) -> bytes:
     """The file with a sub-stream of its first TILE block of `layer` changed."""
-    blocks = blocks_of(data)
-    row = next(i for i, block in enumerate(blocks) if (block.kind, block.layer) == (BlockKind.TILE, layer))
-    parts = tile_parts(blocks[row].payload)
-    parts[stream] = change(parts.get(stream, b""))
-    sizes = {int(kind): len(part) for kind, part in parts.items()}
-    blocks[row] = replace(blocks[row], payload=tile_block(parts), stream_bytes=sizes)
-    return rebuilt(data, blocks)
+
+    def edit(block: Block) -> Block:
+        parts = tile_parts(block.payload)
+        parts[stream] = change(parts.get(stream, b""))
+        sizes = {int(kind): len(part) for kind, part in parts.items()}
+        return replace(block, payload=tile_block(parts), stream_bytes=sizes)
+
+    return _with_block(data, layer, edit)
 
 
 def _framed(records: list[tuple[int, int, int]], rest: bytes, count: int | None = None) -> bytes:
@@ -87,13 +86,17 @@ def _framed(records: list[tuple[int, int, int]], rest: bytes, count: int | None 
 def _table_faults(base: bytes) -> Iterator[Fault]:
     """Faults of the table of sub-streams. The content of a record is not read if another rule comes first."""
 
+    def raw(payload: Callable[[bytes], bytes]) -> bytes:
+        """Whatever becomes of the block: all its bytes count as FRAMING."""
+        return _with_block(base, 1, lambda block: replace(block, payload=payload(block.payload), stream_bytes={}))
+
     def tile(change: Callable[[list[tuple[int, int, int]], bytes], bytes]) -> bytes:
         def edit(payload: bytes) -> bytes:
             parts = tile_parts(payload)
             records = [(int(kind), len(part), zlib.crc32(part)) for kind, part in parts.items()]
             return change(records, b"".join(parts.values()))
 
-        return _with_tile(base, 1, edit)
+        return raw(edit)
 
     word = bytes([1, 0, 0, 0])
     eleven = [(kind, 4, zlib.crc32(word)) for kind in range(1, 12)]
@@ -104,7 +107,7 @@ def _table_faults(base: bytes) -> Iterator[Fault]:
            tile(lambda r, _: _framed(r, b"", 11)))
     yield "records-no-crc", "a block of four bytes has no room for the CRC", *fits, tile(lambda _, __: bytes(4))
     yield ("records-crc", "the CRC of the table is wrong, that of the block is right", "R-7.1-2", "crc-mismatch",
-           _with_tile(base, 1, _flipped_table_crc))
+           raw(lambda payload: flipped(payload, 1 + 9 * payload[0])))
     yield ("substream-crc-first", "the CRC of the first sub-stream is wrong", "R-7.1-5", "crc-mismatch",
            tile(lambda r, p: _framed([(*r[0][:2], r[0][2] ^ 1), *r[1:]], p)))
     yield ("record-kind-0", "a record of kind 0", *order,
@@ -122,11 +125,6 @@ def _table_faults(base: bytes) -> Iterator[Fault]:
     yield "substreams-gap", "four bytes after the last sub-stream", *order, tile(lambda r, p: _framed(r, p + word))
     yield ("substreams-beyond", "the last sub-stream ends past the block", *order,
            tile(lambda r, p: _framed([*r[:-1], (r[-1][0], r[-1][1] + 4, r[-1][2])], p)))
-
-
-def _flipped_table_crc(payload: bytes) -> bytes:
-    at = 1 + 9 * payload[0]
-    return payload[:at] + bytes([payload[at] ^ 1]) + payload[at + 1 :]
 
 
 def _six_bytes(records: list[tuple[int, int, int]], parts: bytes) -> bytes:
@@ -178,6 +176,8 @@ def _rans_faults(data: dict[str, bytes]) -> Iterator[Fault]:
         layer = 2 if stream == Stream.LATENT else 1
         yield (f"{stream.name.lower()}-word-more", f"{stream.name} has a word more than its symbols take", *_SEAL,
                _with_part(file, layer, stream, lambda part: word + part))
+    yield ("neural-seal", "INDICES in entropy mode 1 does not end in the empty state", *_SEAL,
+           _with_part(data["index-flat"], 1, Stream.INDICES, lambda part: word + part))
     yield ("words-missing", "a stream without its first word: the reader goes on, the end is wrong", *_SEAL,
            _with_part(data["sh-from-network"], 1, Stream.INDICES, lambda part: part[4:]))
     yield ("word-zero", "a stream of one word, which is 0", "R-8.2-1", "rans-last-word",
@@ -186,41 +186,52 @@ def _rans_faults(data: dict[str, bytes]) -> Iterator[Fault]:
 
 def _missing_tables(data: dict[str, bytes]) -> Iterator[Fault]:
     rule = "R-8.3-3", "missing-table"
-
-    def dropped(name: str, layer: int, drop: Callable[[Record], bool]) -> bytes:
-        return with_tables(data[name], layer, lambda records: [record for record in records if not drop(record)])
-
-    for name, file, layer, stream in (
-        ("positions", "duplicates", 1, Stream.POSITIONS),
-        ("classes", "explicit-refined", 3, Stream.CLASSES),
-        ("masks", "anchors", 1, Stream.MASKS),
-        ("residual", "explicit-refined", 2, Stream.POSITION_RESIDUAL),
-        ("latent", "explicit-refined", 2, Stream.LATENT),
-        ("offsets", "anchors", 1, Stream.OFFSETS),
-        ("indices", "explicit-refined", 1, Stream.INDICES),
+    refined = "explicit-refined"
+    for name, what, file, layer, drop in (
+        ("positions", "POSITIONS has no table", "duplicates", 1, _of(Stream.POSITIONS)),
+        ("classes", "CLASSES has no table", refined, 3, _of(Stream.CLASSES)),
+        ("masks", "MASKS has no table", "anchors", 1, _of(Stream.MASKS)),
+        ("residual", "POSITION_RESIDUAL has no table", refined, 2, _of(Stream.POSITION_RESIDUAL)),
+        ("latent", "LATENT has no table", refined, 2, _of(Stream.LATENT)),
+        ("offsets", "OFFSETS has no table", "anchors", 1, _of(Stream.OFFSETS)),
+        ("indices", "INDICES has no table", refined, 1, _of(Stream.INDICES)),
+        ("bins", "no table of the bins of large nodes", "duplicates", 1, _node(17)),
+        ("trits", "a refinement has no table", refined, 2, _of(Stream.SCALE, step=2)),
+        ("predicted", "a context number of a predictor has no table", "predictors", 1, _of(Stream.OPACITY, 0, 1)),
     ):
-        yield (f"no-table-{name}", f"{stream.name} has no table", *rule,
-               dropped(file, layer, _of(stream)))
-    yield ("no-table-bins", "no table of the bins of large nodes", *rule,
-           dropped("duplicates", 1, lambda record: record.key == number(Stream.POSITIONS, 0, 0, 17)))
-    yield ("no-table-trits", "a refinement has no table", *rule,
-           dropped("explicit-refined", 2, lambda record: record.stream == Stream.SCALE and record.step == 2))
-    yield ("no-table-predicted", "a context number of a predictor has no table", *rule,
-           dropped("predictors", 1, lambda r: (r.stream, r.component, r.step) == (Stream.OPACITY, 0, 1)))
-    yield ("table-late", "a table of layer 2 does not code symbols of layer 1", *rule,
-           _late_table(data["explicit-refined"]))
+        yield f"no-table-{name}", what, *rule, _dropped(data[file], layer, drop)
+    yield ("table-late", "a table of layer 2 does not code symbols of layer 1", *rule, _late_table(data[refined]))
 
 
-def _of(stream: Stream) -> Callable[[Record], bool]:
-    return lambda record: record.stream == stream
+Pick = Callable[[Record], bool]
+
+
+def _of(stream: Stream, component: int | None = None, step: int | None = None, context: int | None = None) -> Pick:
+    """Whether a record is of this stream, and of a component, step and context, where they are given."""
+    wanted = component, step, context
+
+    def picks(record: Record) -> bool:
+        found = record.component, record.step, record.context
+        return record.stream == stream and all(a in (None, b) for a, b in zip(wanted, found, strict=True))
+
+    return picks
+
+
+def _node(anchors: int) -> Pick:
+    """The table of splits of so many anchors; 17 for the bins of larger nodes."""
+    return _of(Stream.POSITIONS, 0, 0, anchors)
+
+
+def _dropped(data: bytes, layer: int, drop: Pick) -> bytes:
+    return with_tables(data, layer, lambda records: [record for record in records if not drop(record)])
 
 
 def _late_table(base: bytes) -> bytes:
     moved: Records = []
 
     def take(records: Records) -> Records:
-        moved[:] = [record for record in records if record.stream == Stream.OPACITY]
-        return [record for record in records if record.stream != Stream.OPACITY]
+        moved[:] = filter(_of(Stream.ROTATION), records)
+        return [record for record in records if record not in moved]
 
     taken = with_tables(base, 1, take)
     return with_tables(taken, 2, lambda records: sorted(
@@ -230,7 +241,7 @@ def _late_table(base: bytes) -> bytes:
 # ---------------------------------------------------------------------------------------------- symbols
 
 
-def _with_value(data: bytes, layer: int, pick: Callable[[Record], bool], old: int | None, new: int) -> bytes:
+def _with_value(data: bytes, layer: int, pick: Pick, old: int | None, new: int) -> bytes:
     """The file with a value of the alphabets picked changed; `old` None: their last, or the first if `new` is less."""
 
     def change(records: Records) -> Records:
@@ -245,47 +256,56 @@ def _changed(record: Record, old: int | None, new: int) -> Record:
     return valued(record, old, new) if old in record.values else record
 
 
-def _position_faults(small: bytes, duplicates: bytes, full: bytes) -> Iterator[Fault]:
-    def node(n: int) -> Callable[[Record], bool]:
-        return lambda record: record.key == number(Stream.POSITIONS, 0, 0, n)
-
-    yield ("split-above", "more anchors in the lower half than the node has", *_SPLIT,
-           _with_value(small, 1, node(2), None, 3))
-    yield ("split-negative", "fewer than no anchors in the lower half", *_SPLIT,
-           _with_value(small, 1, node(2), None, -1))
-    yield "split-bin-16", "a bin of 16", *_SPLIT, _with_value(duplicates, 1, node(17), None, 16)
-    yield "split-bin-negative", "a bin of -1", *_SPLIT, _with_value(duplicates, 1, node(17), None, -1)
-    one_bin = with_tables(full, 1, lambda records: [
-        Record(record.key, (0,), (1,)) if record.key == number(Stream.POSITIONS, 0, 0, 17) else record
-        for record in records
-    ])
-    # Of 65536 anchors the bin 0 is 4097 wide: its rest travels as 1 and 4095 of two uniform tables.
-    rest = rans_words([uniform(2, 1), uniform(4096, 4095)])
-    yield ("split-rest", "a rest of 8191 in a bin 4097 wide", *_SPLIT,
-           _with_part(one_bin, 1, Stream.POSITIONS, lambda _: rest))
-    edge = rans_words([uniform(2, 1), uniform(4096, 1)])
-    yield ("split-rest-edge", "a rest of 4097 in a bin 4097 wide", *_SPLIT,
-           _with_part(one_bin, 1, Stream.POSITIONS, lambda _: edge))
-
-
-def _anchor_faults(data: dict[str, bytes]) -> Iterator[Fault]:
-    base, anchors = data["explicit-refined"], data["anchors"]
-
-    classes, masks = _of(Stream.CLASSES), _of(Stream.MASKS)
-    yield ("class-above", "a class that does not appear yet", "R-7.3-1", "bad-class",
-           _with_value(base, 3, classes, None, 2))
-    yield ("class-before", "a class that appeared in an earlier layer", "R-7.3-1", "bad-class",
-           _with_value(base, 3, classes, None, -1))
+def _value_faults(data: dict[str, bytes]) -> Iterator[Fault]:
+    """Symbols that must not be, from alphabets that have them."""
+    cls, mask, trit, index = ("R-7.3-1", "bad-class"), ("R-7.4-1", "bad-mask"), ("R-7.5-1", "bad-trit"), _INDEX
+    classes, masks, refined = _of(Stream.CLASSES), _of(Stream.MASKS), "explicit-refined"
+    first, second = _of(Stream.INDICES, 1), _of(Stream.INDICES, 2)
+    scale, rotation, residual = (
+        _of(stream, step=2) for stream in (Stream.SCALE, Stream.ROTATION, Stream.POSITION_RESIDUAL)
+    )
+    rows: tuple[tuple[str, str, tuple[str, str], str, int, Pick, int | None, int], ...] = (
+        ("split-above", "more anchors in the lower half than the node has", _SPLIT, "sh-from-network", 1, _node(2),
+         None, 3),
+        ("split-negative", "fewer than no anchors in the lower half", _SPLIT, "sh-from-network", 1, _node(2), None, -1),
+        ("split-bin-16", "a bin of 16", _SPLIT, "duplicates", 1, _node(17), None, 16),
+        ("split-bin-negative", "a bin of -1", _SPLIT, "duplicates", 1, _node(17), None, -1),
+        ("class-above", "a class that does not appear yet", cls, refined, 3, classes, None, 2),
+        ("class-before", "a class that appeared in an earlier layer", cls, refined, 3, classes, None, -1),
+        ("mask-two", "a mask symbol of 2", mask, "anchors", 1, masks, 1, 2),
+        ("mask-negative", "a mask symbol of -1", mask, "anchors", 1, masks, 0, -1),
+        ("trit-two", "a refinement of 2", trit, refined, 2, scale, 1, 2),
+        ("trit-minus-two", "a refinement of -2", trit, refined, 3, rotation, -1, -2),
+        ("trit-predicted", "a refinement of 2 with a predictor", trit, "predictors", 2, scale, 1, 2),
+        ("trit-residual", "a refinement of -2 of POSITION_RESIDUAL", trit, refined, 3, residual, -1, -2),
+        ("index-negative", "an index of -1", index, refined, 1, first, None, -1),
+        ("index-above", "an index of 12 in a codebook of 12", index, refined, 1, first, None, 12),
+        ("index-residual", "an index of stage 2 beyond the residual codebook", index, refined, 2, second, None, 12),
+    )
+    for name, purpose, rule, file, layer, pick, old, new in rows:
+        yield name, purpose, *rule, _with_value(data[file], layer, pick, old, new)
     word = bytes([1, 0, 0, 0])
-    above = _with_value(base, 3, classes, None, 2)
+    above = _with_value(data[refined], 3, classes, None, 2)
     yield ("class-above-positions", "a class that does not appear yet, after POSITIONS with a word too many", *_SEAL,
            _with_part(above, 3, Stream.POSITIONS, lambda part: word + part))
-    yield ("class-above-seal", "a class that does not appear yet, in CLASSES with a word too many", "R-7.3-1",
-           "bad-class", _with_part(above, 3, Stream.CLASSES, lambda part: word + part))
-    yield "mask-two", "a mask symbol of 2", "R-7.4-1", "bad-mask", _with_value(anchors, 1, masks, 1, 2)
-    yield "mask-negative", "a mask symbol of -1", "R-7.4-1", "bad-mask", _with_value(anchors, 1, masks, 0, -1)
-    yield ("mask-two-later", "a mask symbol of 2 in layer 2", "R-7.4-1", "bad-mask",
-           with_tables(anchors, 2, _masks_of_two))
+    yield ("class-above-seal", "a class that does not appear yet, in CLASSES with a word too many", *cls,
+           _with_part(above, 3, Stream.CLASSES, lambda part: word + part))
+    yield "mask-two-later", "a mask symbol of 2 in layer 2", *mask, with_tables(data["anchors"], 2, _masks_of_two)
+    late = _with_value(data[refined], 3, _of(Stream.INDICES, 1, 0, 16), None, 12)
+    yield ("index-above-without-table", "an index of 12 in one context, and no table for the next of that stage",
+           "R-8.3-3", "missing-table", _dropped(late, 3, _of(Stream.INDICES, 1, 0, 32)))
+
+
+def _rest_faults(full: bytes) -> Iterator[Fault]:
+    """Of 65536 anchors the bin 0 is 4097 wide: its rest travels as 1 and 4095 of two uniform tables."""
+    bins = _node(17)
+    one_bin = with_tables(full, 1, lambda records: [
+        Record(record.key, (0,), (1,)) if bins(record) else record for record in records
+    ])
+    for name, low in (("split-rest", 4095), ("split-rest-edge", 1)):
+        rest = rans_words([uniform(2, 1), uniform(4096, low)])
+        yield (name, f"a rest of {4096 + low} in a bin 4097 wide", *_SPLIT,
+               _with_part(one_bin, 1, Stream.POSITIONS, lambda _, rest=rest: rest))  # type: ignore[misc]
 
 
 def _masks_of_two(records: Records) -> Records:
@@ -295,23 +315,9 @@ def _masks_of_two(records: Records) -> Records:
     return sorted({**{record.key: record for record in records}, **contexts}.values(), key=lambda record: record.key)
 
 
-def _trit_faults(base: bytes, predictors: bytes) -> Iterator[Fault]:
-    rule = "R-7.5-1", "bad-trit"
-
-    def step(n: int, stream: Stream) -> Callable[[Record], bool]:
-        return lambda record: record.stream == stream and record.step == n
-
-    yield "trit-two", "a refinement of 2", *rule, _with_value(base, 2, step(2, Stream.SCALE), 1, 2)
-    yield "trit-minus-two", "a refinement of -2", *rule, _with_value(base, 3, step(2, Stream.ROTATION), -1, -2)
-    yield ("trit-predicted", "a refinement of 2 with a predictor", *rule,
-           _with_value(predictors, 2, step(2, Stream.SCALE), 1, 2))
-    yield ("trit-residual", "a refinement of -2 of POSITION_RESIDUAL", *rule,
-           _with_value(base, 3, step(2, Stream.POSITION_RESIDUAL), -1, -2))
-
-
 def _constant_plan(name: str, predictors: tuple[PredictorPlan, ...] = (), layers: tuple[int, ...] = (1, 2)) -> Plan:
     """Every value is -5 * 3^(n-1)."""
-    channels = (channel(Stream.SCALE, 0.5, PLAIN, PLAIN, PLAIN),)
+    channels = (channel(Stream.SCALE, 0.5, 3),)
     rows = tuple(LayerRow((0,), ((n,),)) for n in layers)
     return Plan(name, channels, rows, (Tile(0, 0, 0),), (20,), bits=5, constant=True, predictors=predictors,
                 context=DecodedContext(1, (4,)))
@@ -325,10 +331,10 @@ def _range_faults() -> Iterator[Fault]:
     predicted = vector_file(build(_constant_plan("range predicted", (PredictorPlan(Stream.SCALE, 1, 2, 0, (1, 1)),))))
 
     def overflowing(data: bytes, layer: int, trit: int) -> bytes:
-        first = _with_value(data, 1, lambda r: (r.component, r.step) == (1, 1), -5, -715827883)
+        first = _with_value(data, 1, _of(Stream.SCALE, 1, 1), -5, -715827883)
         if not trit:
             return first
-        return _with_value(first, layer, lambda r: (r.component, r.step) == (1, 2), 0, trit)
+        return _with_value(first, layer, _of(Stream.SCALE, 1, 2), 0, trit)
 
     yield "value-beyond", "-2^31 - 1 after the second step", *_RANGE, overflowing(plain, 2, 0)
     yield "value-lowest", "-2^31 after the second step: in 32 bits, but not allowed", *_RANGE, overflowing(plain, 2, 1)
@@ -339,7 +345,7 @@ def _range_faults() -> Iterator[Fault]:
 
     def above(data: bytes, context: int) -> bytes:
         """3 * 715827883 - 1; the record of the refinement is for the context of values above 1."""
-        first = _with_value(data, 1, lambda r: (r.component, r.step) == (1, 1), -5, 715827883)
+        first = _with_value(data, 1, _of(Stream.SCALE, 1, 1), -5, 715827883)
         return with_tables(first, 2, lambda records: [
             Record(r.key + context, (-1,), (1,)) if (r.component, r.step) == (1, 2) else r for r in records
         ])
@@ -350,32 +356,14 @@ def _range_faults() -> Iterator[Fault]:
 
 def _reach_faults() -> Iterator[Fault]:
     """Faults of residuals that are -5 fifths of a cell."""
-    residuals = Channel(Stream.POSITION_RESIDUAL, (0.2,) * 3, (PLAIN,) * 3)
-    channels = (residuals, channel(Stream.SCALE, 0.5, PLAIN, PLAIN, PLAIN))
+    residuals = Channel(Stream.POSITION_RESIDUAL, (0.2,) * 3)
+    channels = (residuals, channel(Stream.SCALE, 0.5, 3))
     rows = (LayerRow((0,), ((1, 1),)), LayerRow((0,), ((1, 2),)), LayerRow((0,), ((2, 2),)))
     plan = Plan("reach", channels, rows, (Tile(0, 0, 0),), (9,), bits=5, constant=True)
     data = vector_file(build(plan))
 
-    def residual(step: int) -> Callable[[Record], bool]:
-        return lambda record: (record.stream, record.component, record.step) == (Stream.POSITION_RESIDUAL, 2, step)
-
-    yield "residual-beyond", "a position residual of -1.2", *_REACH, _with_value(data, 1, residual(1), -5, -6)
-    yield "residual-above", "a position residual of 1.2", *_REACH, _with_value(data, 1, residual(1), -5, 6)
+    first, second = (_of(Stream.POSITION_RESIDUAL, 2, step) for step in (1, 2))
+    yield "residual-beyond", "a position residual of -1.2", *_REACH, _with_value(data, 1, first, -5, -6)
+    yield "residual-above", "a position residual of 1.2", *_REACH, _with_value(data, 1, first, -5, 6)
     yield ("residual-beyond-later", "a position residual that leaves -1 in its second step, in layer 3", *_REACH,
-           _with_value(data, 3, residual(2), 0, -1))
-
-
-def _index_faults(base: bytes) -> Iterator[Fault]:
-    rule = "R-7.6-1", "bad-index"
-
-    def stage(n: int) -> Callable[[Record], bool]:
-        return lambda record: record.stream == Stream.INDICES and record.component == n
-
-    yield "index-negative", "an index of -1", *rule, _with_value(base, 1, stage(1), None, -1)
-    yield ("index-above", "an index of 12 in a codebook of 12", *rule, _with_value(base, 1, stage(1), None, 12))
-    yield ("index-residual", "an index of stage 2 beyond the residual codebook", *rule,
-           _with_value(base, 2, stage(2), None, 12))
-    late = _with_value(base, 3, lambda record: record.key == number(Stream.INDICES, 1, 0, 16), None, 12)
-    yield ("index-above-without-table", "an index of 12 in one context, and no table for the next of that stage",
-           "R-8.3-3", "missing-table",
-           with_tables(late, 3, lambda rs: [r for r in rs if r.key != number(Stream.INDICES, 1, 0, 32)]))
+           _with_value(data, 3, second, 0, -1))

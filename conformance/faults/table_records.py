@@ -42,6 +42,11 @@ class Record:
         """Step of the key."""
         return self.key >> 8 & 255
 
+    @property
+    def context(self) -> int:
+        """Context of the key."""
+        return self.key & 255
+
     def packed(self) -> bytes:
         """The bytes of the record."""
         gaps = [after - before - 1 for before, after in zip(self.values, self.values[1:], strict=False)]

@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 
 from conformance.scenes.cases import Case
-from conformance.scenes.made import PLAIN, Plan, build, channel
+from conformance.scenes.made import Plan, build, channel
 from conformance.surgery.files import vector_file
 from conformance.writer import FrameStyle, Table, WriteOptions
 from conformance.writer.frames import BlockForm
@@ -42,7 +42,7 @@ def work_cases() -> Iterator[Case]:
 def _wide_scene(count: int) -> QuantisedScene:
     """Anchors that nothing distinguishes, and a DECODER_MLP of zeros, 1.1 million of them."""
     plan = Plan(
-        "work", (channel(Stream.SCALE, 0.5, PLAIN, PLAIN, PLAIN),), (LayerRow((1,), ((1,),)),), (Tile(0, 1, 0),),
+        "work", (channel(Stream.SCALE, 0.5, 3),), (LayerRow((1,), ((1,),)),), (Tile(0, 1, 0),),
         (count,), bits=1, dimension=_WIDTHS[0], codewords=(1, 1), constant=True,
     )  # fmt: skip
     layers = tuple(

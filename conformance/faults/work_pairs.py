@@ -14,13 +14,11 @@ from dataclasses import replace
 import numpy as np
 
 from conformance.decoders.python.decoder import Decoder
-from conformance.expect.work import Declared, Work
+from conformance.decoders.python.work import Declared, Work
 from conformance.scenes.cases import Case
 from conformance.scenes.made import (
     ANCHOR_CHANNELS,
-    BY_CLASS,
     EVERY_CHANNEL,
-    PLAIN,
     REFINED_ROWS,
     SPREAD_TILES,
     Plan,
@@ -132,7 +130,7 @@ def _filled(data: bytes, more: int, size: int) -> bytes:
 
 _BIG_GRID = GridPlan((0, 0, 0), 16, (GridLevel(0, 40, 12, 2), GridLevel(1, 5, 6, 1)))
 _SCALE_COLOUR = (
-    channel(Stream.SCALE, 0.5, BY_CLASS, PLAIN, PLAIN), channel(Stream.COLOUR, 0.1, PLAIN, BY_CLASS, PLAIN),
+    channel(Stream.SCALE, 0.5, 3), channel(Stream.COLOUR, 0.1, 3),
 )
 _DEEP = (
     LayerRow((1, 2), ((1, 1), (1, 1)), True), LayerRow((2, 2, 0), ((2, 2), (2, 2), (1, 1)), True),

@@ -21,7 +21,7 @@ MIRROR = os.environ.get("DEBIAN_MIRROR", "http://deb.debian.org/debian")
 KEYRING = "/usr/share/keyrings/debian-archive-keyring.gpg"
 PACKAGES = ("python3", "python3-numpy", "python3-zstandard", "python3-construct", "python3-click", "python3-fsspec")
 COPIED = ("scarfmt", "reference_decoder", "conformance/suite/scarfmt_conformance")
-KERNEL_FLAGS = ("-O3", "-fno-trapping-math", "-fno-math-errno", "-fPIC", "-shared")
+NATIVE_FLAGS = ("-O3", "-fno-trapping-math", "-fno-math-errno", "-fPIC", "-shared")
 
 _APT = """\
 Dir "{folder}";
@@ -95,12 +95,12 @@ class System:
     Attributes:
         machine: its processor.
         folder: where all of it lies.
-        kernel: whether the compiled kernel is used.
+        native: whether the C library is used.
     """
 
     machine: Machine
     folder: Path
-    kernel: bool = True
+    native: bool = True
 
     @property
     def root(self) -> Path:
@@ -117,7 +117,7 @@ class System:
             # Or the code of the folder it is started in would come first.
             "PYTHONSAFEPATH": "1",
             "PYTHONDONTWRITEBYTECODE": "1",
-            "SCARFMT_KERNEL": "1" if self.kernel else "0",
+            "SCARFMT_NATIVE": "1" if self.native else "0",
         }
         set_ = [word for name, value in settings.items() for word in ("-E", f"{name}={value}")]
         python = self.root / "usr" / "bin" / "python3"
@@ -125,7 +125,7 @@ class System:
 
 
 def make_system(machine: Machine, folder: Path) -> System:
-    """Unpack a system, unless that is done already; copy the code of this checkout there, and compile the kernel.
+    """Unpack a system, unless that is done already; copy the code of this checkout there, and compile the C library.
 
     Args:
         folder: of all systems.
@@ -139,7 +139,7 @@ def make_system(machine: Machine, folder: Path) -> System:
     if not (system.root / "usr/bin/python3").exists():
         _unpack(system, _packages(machine, system.folder / "apt"))
     _copy_code(system.folder / "code")
-    _compile_kernel(machine, system.folder / "code" / "scarfmt" / "kernel")
+    _compile(machine, system.folder / "code" / "scarfmt" / "native")
     return system
 
 
@@ -174,7 +174,7 @@ def _copy_code(folder: Path) -> None:
     shutil.copytree(STANDIN, folder, dirs_exist_ok=True, ignore=shutil.ignore_patterns("__pycache__"))
 
 
-def _compile_kernel(machine: Machine, folder: Path) -> None:
+def _compile(machine: Machine, folder: Path) -> None:
     sources = sorted(map(str, folder.glob("*.c")))
     library = str(folder / "native.abi3.so")
-    subprocess.run([machine.compiler, *KERNEL_FLAGS, "-o", library, *sources, "-lm"], check=True)
+    subprocess.run([machine.compiler, *NATIVE_FLAGS, "-o", library, *sources, "-lm"], check=True)

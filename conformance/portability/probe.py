@@ -8,17 +8,17 @@ import sys
 
 import numpy as np
 
-from scarfmt.engines import absence
+from scarfmt.native.binding import absence
 
 
 def machine() -> dict[str, str | bool]:
-    """Processor, byte order, versions, and whether the compiled kernel decodes."""
+    """Processor, byte order, versions, and whether the C library decodes."""
     return {
         "processor": platform.machine(),
         "byteorder": sys.byteorder,
         "python": platform.python_version(),
         "numpy": np.__version__,
-        "kernel": absence() is None,
+        "native": absence() is None,
     }
 
 

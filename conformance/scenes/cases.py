@@ -6,6 +6,9 @@ from dataclasses import dataclass
 
 from scarfmt.coding.writer import QuantisedScene
 
+Fault = tuple[str, str, str, str, bytes]
+"""A file to be refused: name, what is wrong, the rule broken and perhaps others, refusal id, file."""
+
 
 @dataclass(frozen=True)
 class Case:
@@ -48,6 +51,6 @@ class Case:
         return "refused" if self.refusals else "decoded"
 
 
-def refused(id_: str, purpose: str, rule: str, refusal: str, data: bytes, stage: str = "tiles") -> Case:
-    """A file that breaks exactly one rule."""
-    return Case(f"invalid/{id_}", purpose, data, (rule,), refusals=(refusal,), stage=stage)
+def refused(name: str, purpose: str, rules: str, refusal: str, data: bytes, stage: str = "tiles") -> Case:
+    """A file that breaks a rule: the first of `rules`, which blanks separate."""
+    return Case(f"invalid/{name}", purpose, data, tuple(rules.split()), refusals=(refusal,), stage=stage)

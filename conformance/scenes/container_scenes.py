@@ -7,16 +7,15 @@ from functools import cache
 
 import numpy as np
 
-from conformance.scenes.made import ANCHOR_CHANNELS, PLAIN, Plan, build, channel
+from conformance.scenes.made import ANCHOR_CHANNELS, Plan, build, channel
 from conformance.surgery.files import vector_file
 from conformance.writer import WriteOptions
-from scarfmt.coding.tile import first_values
 from scarfmt.coding.writer import QuantisedScene
 from scarfmt.container.file import Tile
 from scarfmt.container.schema import Profile, Stream
 from scarfmt.scene.model import LayerRow
 
-_SCALE = channel(Stream.SCALE, 0.5, PLAIN, PLAIN, PLAIN)
+_SCALE = channel(Stream.SCALE, 0.5, 3)
 _METADATA: dict[str, object] = {"title": "container"}
 
 
@@ -95,7 +94,6 @@ def paged_scene() -> QuantisedScene:
         content = scene.contents[number]
         content.classes[:] = class_
         content.codes = np.sort(content.codes)
-        content.first = first_values(scene.model, content)
     return scene
 
 

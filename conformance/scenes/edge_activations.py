@@ -8,11 +8,10 @@ from dataclasses import replace
 import numpy as np
 
 from conformance.scenes.cases import Case
-from conformance.scenes.made import ANCHOR_CHANNELS, FEATURES, PLAIN, Plan, build, channel, mlp, steady
+from conformance.scenes.made import ANCHOR_CHANNELS, FEATURES, Plan, build, channel, mlp, steady
 from conformance.scenes.prng import Prng
 from conformance.surgery.files import vector_file
 from scarfmt.blocks.mlp import QuantisedMlp
-from scarfmt.coding.tile import first_values
 from scarfmt.coding.writer import QuantisedScene
 from scarfmt.container.file import Tile
 from scarfmt.container.schema import Profile, Stream
@@ -47,9 +46,9 @@ def _edge(name: str, purpose: str, scene: QuantisedScene, *rules: str) -> Case:
 
 def _extremes() -> QuantisedScene:
     channels = (
-        channel(Stream.SCALE, 0.5, PLAIN, PLAIN, PLAIN),
-        Channel(Stream.ROTATION, (2.0**96, 2.0**96, 0.25), (PLAIN,) * 3),
-        Channel(Stream.COLOUR, (0.5,) * 3, (PLAIN,) * 3),
+        channel(Stream.SCALE, 0.5, 3),
+        Channel(Stream.ROTATION, (2.0**96, 2.0**96, 0.25)),
+        Channel(Stream.COLOUR, (0.5,) * 3),
     )
     plan = Plan("edge activation extremes", channels, steady(1, 0, (1, 1, 1)), _WHOLE, (10,), bits=6)
     scene = build(plan)
@@ -59,7 +58,6 @@ def _extremes() -> QuantisedScene:
     colours = [(1, large, large), (large, large, 1), (large, -large, -3), (-large, large, 2 * large), (1, 1, 1)]
     content.values[1][:, :2] = np.array(rotations)[np.arange(10) % len(rotations)]
     content.values[2][:] = np.array(colours)[np.arange(10) % len(colours)]
-    content.first = first_values(scene.model, content)
     return scene
 
 

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from conformance.scenes.cases import Case
-from conformance.scenes.made import ANCHOR_CHANNELS, BY_CLASS, EVERY_CHANNEL, PLAIN, Plan, build, channel
+from conformance.scenes.made import ANCHOR_CHANNELS, EVERY_CHANNEL, Plan, build, channel
 from conformance.scenes.neural_models import GridPlan, NetworkPlan, PredictorPlan
 from conformance.surgery.files import vector_file
 from conformance.writer import RiceStyle, WriteOptions
@@ -21,11 +21,11 @@ from scarfmt.neural.arithmetic import MAX_SHIFT, Linear
 from scarfmt.neural.grid import GridLevel
 from scarfmt.neural.network import Attention, GruLayer, IndexNetwork
 from scarfmt.neural.predictors import Predictor
-from scarfmt.scene.model import ContextRule, DecodedContext, LayerRow
+from scarfmt.scene.model import DecodedContext, LayerRow
 
 _WHOLE = (Tile(0, 0, 0),)
-_SCALE3 = channel(Stream.SCALE, 0.5, BY_CLASS, ContextRule(True, 0, 0, -3, 0), PLAIN)
-_COLOURED = (_SCALE3, channel(Stream.COLOUR, 0.1, PLAIN, BY_CLASS, PLAIN))
+_SCALE3 = channel(Stream.SCALE, 0.5, 3)
+_COLOURED = (_SCALE3, channel(Stream.COLOUR, 0.1, 3))
 _PLAIN = WriteOptions()
 _PASSES = "R-10.2-1", "R-10.2-3", "R-10.2-4", "R-10.2-5"
 
@@ -94,14 +94,14 @@ def predictor_cases() -> Iterator[Case]:
 def _latent_cases(rules: Sequence[str]) -> Iterator[Case]:
     """LATENT as wide as it may be, and as many inputs as fit in a byte."""
     rows = (LayerRow((0,), ((2, 1),)), LayerRow((0,), ((2, 2),)))
-    scales = channel(Stream.SCALE, 0.25, *(PLAIN,) * 6)
-    wide = channel(Stream.LATENT, 1.5, *(PLAIN,) * 63, ContextRule(True, 0, 2, -4, 0))
+    scales = channel(Stream.SCALE, 0.25, 6)
+    wide = channel(Stream.LATENT, 1.5, 64)
     every = (PredictorPlan(Stream.LATENT, c, 1, c // 62, (2 + c % 7, 2)) for c in range(64))
     yield _edge("predictors-latents-64", "predictors of 64 components of LATENT; of a second step, too", Plan(
         "edge 64 latents", (_SCALE3, wide), rows, _WHOLE, (40,), bits=6, dimension=64,
         context=DecodedContext(1, (12, 3)), predictors=(*every, PredictorPlan(Stream.LATENT, 63, 2, 2, (6, 3)))), rules)
     yield _edge("predictors-inputs-255", "57 components and three depths in the anchor profile: 255 inputs", Plan(
-        "edge 255 inputs", (scales, channel(Stream.LATENT, 1.5, *(PLAIN,) * 57), ANCHOR_CHANNELS[1]),
+        "edge 255 inputs", (scales, channel(Stream.LATENT, 1.5, 57), ANCHOR_CHANNELS[1]),
         tuple(LayerRow(row.stages, tuple((*steps, 1) for steps in row.steps)) for row in rows), _WHOLE, (30,), bits=6,
         profile=Profile.ANCHOR, slots=1, dimension=57, context=DecodedContext(2, (20, 6, 2)), predictors=(
             PredictorPlan(Stream.LATENT, 0, 1, 64), PredictorPlan(Stream.LATENT, 56, 1, 0, (16, 8)),
@@ -150,19 +150,12 @@ def _largest() -> QuantisedScene:
 
 def _every() -> Plan:
     channels = EVERY_CHANNEL[1:5]
-    # The sources of the full table are one channel further on.
-    moved = tuple(
-        replace(c, rules=tuple(
-            replace(rule, source_channel=rule.source_channel - 1) if rule.source_channel < 255 else rule
-            for rule in c.rules
-        )) for c in channels
-    )
     plans = tuple(
         PredictorPlan(c.stream, j, step, (j + step) % 4, (2 + j, 2))
-        for c in moved for j in range(c.components) for step in (1, 2)
+        for c in channels for j in range(c.components) for step in (1, 2)
     )
     rows = (LayerRow((0,), ((1,) * 4,)), LayerRow((0, 0), ((3, 2, 2, 3), (2, 1, 2, 2))))
-    return Plan("edge every", moved, rows, _WHOLE, (40,), bits=6, context=DecodedContext(1, (10,)), predictors=plans)
+    return Plan("edge every", channels, rows, _WHOLE, (40,), bits=6, context=DecodedContext(1, (10,)), predictors=plans)
 
 
 def _passes(log2: int, targets: tuple[int, ...]) -> Plan:

@@ -15,10 +15,8 @@ from conformance.scenes.edge_activations import activation_cases
 from conformance.scenes.edge_networks import network_cases, predictor_cases
 from conformance.scenes.made import (
     ANCHOR_CHANNELS,
-    BY_CLASS,
     EVERY_CHANNEL,
     FEATURES,
-    PLAIN,
     REFINED_ROWS,
     SPREAD_TILES,
     Plan,
@@ -31,14 +29,13 @@ from conformance.scenes.page_scenes import page_cases
 from conformance.scenes.prng import Prng
 from conformance.surgery.files import vector_file
 from conformance.writer import BlockForm, FrameStyle, Renewal, RiceStyle, Table, Weights, WriteOptions, kept_frame
-from scarfmt.coding.tile import first_values
 from scarfmt.coding.writer import QuantisedScene
 from scarfmt.container.file import Block, Tile
 from scarfmt.container.schema import BlockFlag, BlockKind, Profile, Stream
-from scarfmt.scene.model import Channel, ContextRule, LayerRow
+from scarfmt.scene.model import Channel, LayerRow
 
 _WHOLE = (Tile(0, 0, 0),)
-_SCALE3 = channel(Stream.SCALE, 0.5, PLAIN, PLAIN, PLAIN)
+_SCALE3 = channel(Stream.SCALE, 0.5, 3)
 _SCALES = (_SCALE3,)
 _LIMIT = (1 << 31) - 1
 _MOST_WEIGHT = (1 << 24) - 1
@@ -108,7 +105,7 @@ def _position_cases() -> Iterator[Case]:
 
 def _lattice_cases() -> Iterator[Case]:
     rules = "R-6.2-2", "R-9.1-1"
-    residual = channel(Stream.POSITION_RESIDUAL, 1 / 3, PLAIN, PLAIN, PLAIN)
+    residual = channel(Stream.POSITION_RESIDUAL, 1 / 3, 3)
     yield _edge("lattice-1", "a lattice of one bit an axis", _plan("lattice 1", (9,), 1), rules)
     yield _edge("lattice-21", "tiles of depth 21 and 20 in a lattice of 21 bits: one cell, and eight", _plan(
         "depth 21", (4, 9), 21, tiles=(Tile(21, 0, (1 << 63) - 16), Tile(20, 0, (1 << 60) - 1))), rules)
@@ -178,7 +175,6 @@ def _with_values(plan: Plan, pattern: Sequence[int]) -> QuantisedScene:
             rows, columns = values.shape
             at = np.arange(rows)[:, None] + np.arange(columns)[None]
             values[:] = np.array(pattern)[at % len(pattern)]
-        content.first = first_values(scene.model, content)
     return scene
 
 
@@ -187,36 +183,25 @@ def _value_cases() -> Iterator[Case]:
     both = (LayerRow((0,), ((1,),)), LayerRow((0,), ((2,),)))
     yield _edge("values-limit", "values of 2^31 - 1 and its negative after a refinement, beside 0 and 1", _with_values(
         _plan("limit", (12,), rows=both), [_LIMIT, 1, -_LIMIT, 0]), rules)
-    steps = Channel(Stream.SCALE, (5e-324, 2.0**96, 2.0**-1022), (PLAIN,) * 3)
+    steps = Channel(Stream.SCALE, (5e-324, 2.0**96, 2.0**-1022))
     yield _edge("steps-extreme", "steps of 2^96, the least normal and the least subnormal number", _with_values(
         _plan("extreme steps", (12,), channels=(steps,)), [_LIMIT, -1, 1, -_LIMIT]), (*rules, "R-6.4-3"))
-    reach = Channel(Stream.POSITION_RESIDUAL, (1.0, 0.5, 1 / 3), (PLAIN,) * 3)
+    reach = Channel(Stream.POSITION_RESIDUAL, (1.0, 0.5, 1 / 3))
     scene = build(_plan("reach", (9,), channels=(reach, _SCALE3), rows=steady(1, 0, (1, 1))))
     values = scene.contents[0].values[0]
     values[:] = np.array([[1, 2, 3], [-1, -2, -3], [0, 1, -1]])[np.arange(9) % 3]
-    scene.contents[0].first = first_values(scene.model, scene.contents[0])
     yield _edge("residual-reach", "position residuals of exactly -1 and 1", scene, ("R-7.5-3", "R-9.1-2"))
-    wild = Channel(Stream.SCALE, (0.5,) * 3, (
-        PLAIN, ContextRule(True, 0, 0, -(1 << 32), 31), ContextRule(False, 0, 1, (1 << 32) - 1, 0)))
-    opacity = channel(Stream.OPACITY, 0.25, ContextRule(False, 0, 2, -3, 31))
-    yield _edge("sources-extreme", "sources less -2^32 and 2^32 - 1, shifted by 31 and not at all", _with_values(
-        _plan("sources", (20,), channels=(wild, opacity), rows=steady(1, 0, (1, 1))),
-        [_LIMIT, -_LIMIT, 0, -4, 7]), ("R-8.4-1",))
-    late = (_SCALE3, channel(Stream.OPACITY, 0.25, ContextRule(True, 0, 1, -2, 0)))
-    rows = (LayerRow((0, 0), ((0, 1), (1, 0))), LayerRow((0, 0), ((2, 1), (1, 3))))
-    yield _edge("source-late", "a source that has had no step yet, and comes a layer later, counts as 0", _plan(
-        "late", (30,), channels=late, rows=rows), ("R-8.4-1", "R-9.2-3"))
 
 
 # ---------------------------------------------------------------------------------------------- models
 
 
 def _latent_cases() -> Iterator[Case]:
-    latent = channel(Stream.LATENT, 3.0, *(BY_CLASS,) * 64)
+    latent = channel(Stream.LATENT, 3.0, 64)
     yield _edge("latent-64", "64 latent dimensions, from codebooks and LATENT", _plan(
         "latent", (6,), channels=(_SCALE3, latent), rows=steady(1, 2, (1, 1)), dimension=64, codewords=(4, 4), degree=1,
         spread=2), ("R-9.2-2", "R-6.4-2"))
-    short = (_SCALE3, channel(Stream.LATENT, 3.0, BY_CLASS, PLAIN))
+    short = (_SCALE3, channel(Stream.LATENT, 3.0, 2))
     rows = (LayerRow((0,), ((1, 0),)), LayerRow((0,), ((1, 2),)))
     yield _edge("latent-alone", "LATENT without codebooks, from layer 2 on: before, no DECODER_MLP", _plan(
         "latent alone", (20,), channels=short, rows=rows, dimension=2, degree=1), ("R-9.2-2", "R-9.2-3", "R-7.9-2"))
@@ -243,8 +228,8 @@ def _loud(plan: Plan) -> QuantisedScene:
 
 def _colour_cases() -> Iterator[Case]:
     rules = "R-9.4-2", "R-9.4-3", "R-7.9-3"
-    rotation, opacity = channel(Stream.ROTATION, 0.4, PLAIN, PLAIN, PLAIN), channel(Stream.OPACITY, 0.3, PLAIN)
-    colour = channel(Stream.COLOUR, 0.2, PLAIN, PLAIN, PLAIN)
+    rotation, opacity = channel(Stream.ROTATION, 0.4, 3), channel(Stream.OPACITY, 0.3, 1)
+    colour = channel(Stream.COLOUR, 0.2, 3)
     for degree in range(4):
         channels = (_SCALE3, rotation, opacity, colour)
         # Of degree 0 there is nothing left for a network to give.
@@ -262,7 +247,7 @@ def _colour_cases() -> Iterator[Case]:
 def _activations() -> QuantisedScene:
     """SCALE, ROTATION and OPACITY in quarters."""
     channels = tuple(
-        Channel(stream, (0.25,) * components, (PLAIN,) * components)
+        Channel(stream, (0.25,) * components)
         for stream, components in ((Stream.SCALE, 3), (Stream.ROTATION, 3), (Stream.OPACITY, 1))
     )
     scene = build(_plan("activations", (12,), channels=channels, rows=steady(1, 0, (1, 1, 1))))
@@ -272,7 +257,6 @@ def _activations() -> QuantisedScene:
     content.values[1][:, :2] = directions
     content.values[1][:, 2] = np.array([0, 13, -25, 50, 7, -1])[np.arange(12) % 6]
     content.values[2][:, 0] = np.array([0, 1, -1, -400, -9, 30])[np.arange(12) % 6]
-    content.first = first_values(scene.model, content)
     return scene
 
 
@@ -301,7 +285,6 @@ def _late(plan: Plan, tile: int) -> QuantisedScene:
     content = scene.contents[tile]
     content.classes[:] = scene.model.layers[-1].class_count - 1
     content.codes = np.sort(content.codes)
-    content.first = first_values(scene.model, content)
     return scene
 
 
@@ -347,7 +330,7 @@ def _anchor_cases() -> Iterator[Case]:
     later = (LayerRow((1,), ((1, 1),)), LayerRow((1,), ((3, 1),)), LayerRow((2,), ((3, 1),)))
     yield _edge("anchors-slots-later", "no slot is on in layer 1; others come in layers 2 and 3, one never", _slots(
         _anchor_plan("slots later", slots=4, rows=later), [2, 0, 3, 2]), rules)
-    channels = (ANCHOR_CHANNELS[0], channel(Stream.LATENT, 3.0, *(PLAIN,) * 3), ANCHOR_CHANNELS[1])
+    channels = (ANCHOR_CHANNELS[0], channel(Stream.LATENT, 3.0, 3), ANCHOR_CHANNELS[1])
     yield _edge("anchors-latent", "features from LATENT alone, no codebooks", _anchor_plan(
         "anchors latent", channels=channels, rows=(LayerRow((0,), ((1, 1, 1),)), LayerRow((0,), ((1, 3, 1),)))),
         ("R-6.5-4", "R-9.2-2"))
@@ -396,8 +379,7 @@ def _frame_cases() -> Iterator[Case]:
 
 def _library_case() -> Case:
     """Frames as a Zstandard library makes them of real files: Huffman and FSE codes."""
-    rule = ContextRule()
-    many = tuple(channel(stream, 0.5, *(rule,) * n) for stream, n in ((Stream.SCALE, 3), (Stream.ROTATION, 3)))
+    many = tuple(channel(stream, 0.5, n) for stream, n in ((Stream.SCALE, 3), (Stream.ROTATION, 3)))
     plan = _plan("library", (240,), channels=many, rows=(LayerRow((1, 1, 1), ((2, 1),) * 3),), dimension=8, degree=2,
                  spread=30)  # fmt: skip
     options = WriteOptions(frames=dict.fromkeys(_COMPRESSED, kept_frame))

@@ -18,16 +18,12 @@ from conformance.scenes.neural_models import (
 from conformance.scenes.prng import Prng
 from scarfmt.arrays import I64
 from scarfmt.blocks.mlp import Linear, QuantisedMlp
-from scarfmt.coding.tile import TileContent, first_values
+from scarfmt.coding.tile import TileContent
 from scarfmt.coding.writer import QuantisedScene
 from scarfmt.container.file import HeaderFields, Tile
 from scarfmt.container.schema import ColourSpace, CoordinateFrame, Profile, Stream
-from scarfmt.scene.codebooks import Codebooks
-from scarfmt.scene.model import Channel, ContextRule, DecodedContext, LayerRow, SceneModel
+from scarfmt.scene.model import Channel, Codebooks, DecodedContext, LayerRow, SceneModel
 
-PLAIN = ContextRule(by_class=False)
-BY_CLASS = ContextRule()
-THIRDS = (1 / 3, 1 / 3, 1 / 3)
 FEATURES = 4
 
 
@@ -72,9 +68,9 @@ class Plan:
     grid: GridPlan | None = None
 
 
-def channel(stream: Stream, step: float, *rules: ContextRule) -> Channel:
-    """A channel of as many components as rules, each with its own step."""
-    return Channel(stream, tuple(step * (1 + c / 8) for c in range(len(rules))), rules)
+def channel(stream: Stream, step: float, components: int) -> Channel:
+    """A channel whose components have each its own step."""
+    return Channel(stream, tuple(step * (1 + c / 8) for c in range(components)))
 
 
 def steady(layers: int, stages: int, steps: tuple[int, ...]) -> tuple[LayerRow, ...]:
@@ -97,8 +93,15 @@ def build(plan: Plan) -> QuantisedScene:
     prng = Prng(plan.seed)
     model = SceneModel(plan.profile, plan.slots, plan.channels, plan.rows, plan.context)
     fields = HeaderFields(
-        plan.profile, plan.degree, plan.slots, plan.bits, plan.origin, plan.voxel, sum(plan.counts),
-        CoordinateFrame.RDF, ColourSpace.SRGB,
+        plan.profile,
+        plan.degree,
+        plan.slots,
+        plan.bits,
+        plan.origin,
+        plan.voxel,
+        sum(plan.counts),
+        CoordinateFrame.RDF,
+        ColourSpace.SRGB,
     )
     contents = tuple(
         _content(prng, plan, model, plan.bits - tile.depth - tile.shift, count)
@@ -110,8 +113,17 @@ def build(plan: Plan) -> QuantisedScene:
     if plan.network is not None and books is not None:
         network = random_network(prng, plan.network, model, books, grid)
     return QuantisedScene(
-        fields, model, plan.tiles, contents, books, decoder, mlps, plan.metadata,
-        random_predictors(prng, plan.predictors, model), network, grid,
+        fields,
+        model,
+        plan.tiles,
+        contents,
+        books,
+        decoder,
+        mlps,
+        plan.metadata,
+        random_predictors(prng, plan.predictors, model),
+        network,
+        grid,
     )
 
 
@@ -129,7 +141,6 @@ def _content(prng: Prng, plan: Plan, model: SceneModel, bits: int, count: int) -
         slots = prng.integers(0, len(ends) + 1, content.slot_layers.shape)
         content.slot_layers = np.where(slots > 0, np.maximum(slots, appears[:, None]), 0)
     _fill(prng, plan, model, content)
-    content.first = first_values(model, content)
     return content
 
 
@@ -190,8 +201,8 @@ def _scene_mlps(prng: Prng, plan: Plan) -> tuple[QuantisedMlp, ...]:
 def worked_scene() -> QuantisedScene:
     """The scene of SPEC §4.2: three anchors, two layers."""
     channels = (
-        Channel(Stream.SCALE, (0.5, 0.5, 0.75), (PLAIN, ContextRule(False, 0, 0, -4, 0), PLAIN)),
-        Channel(Stream.OPACITY, (0.25,), (PLAIN,)),
+        Channel(Stream.SCALE, (0.5, 0.5, 0.75)),
+        Channel(Stream.OPACITY, (0.25,)),
     )
     rows = (LayerRow((0,), ((1, 1),)), LayerRow((0, 0), ((2, 1), (1, 1))))
     model = SceneModel(Profile.EXPLICIT, 1, channels, rows)
@@ -203,18 +214,17 @@ def worked_scene() -> QuantisedScene:
         np.array([[-10, -11, -17], [-5, -12, -18], [-3, -4, -6]], np.int32),
         np.array([[-1], [-1], [-4]], np.int32),
     ]
-    content.first = first_values(model, content)
     return QuantisedScene(fields, model, (Tile(1, 0, 5),), (content,))
 
 
-_SCALE3 = channel(Stream.SCALE, 0.5, PLAIN, PLAIN, PLAIN)
+_SCALE3 = channel(Stream.SCALE, 0.5, 3)
 EVERY_CHANNEL = (
-    channel(Stream.POSITION_RESIDUAL, 1 / 3, BY_CLASS, BY_CLASS, PLAIN),
-    channel(Stream.SCALE, 0.3, BY_CLASS, ContextRule(True, 1, 0, -9, 1), ContextRule(False, 1, 1, -3, 0)),
-    channel(Stream.ROTATION, 0.2, PLAIN, ContextRule(True, 1, 2, -7, 0), ContextRule(False, 2, 1, 0, 2)),
-    channel(Stream.OPACITY, 0.4, ContextRule(True, 1, 0, -8, 0)),
-    channel(Stream.COLOUR, 0.1, BY_CLASS, PLAIN, ContextRule(False, 3, 0, -40, 5)),
-    channel(Stream.LATENT, 9.0, PLAIN, BY_CLASS, ContextRule(True, 5, 0, -2, 0), PLAIN, PLAIN),
+    channel(Stream.POSITION_RESIDUAL, 1 / 3, 3),
+    channel(Stream.SCALE, 0.3, 3),
+    channel(Stream.ROTATION, 0.2, 3),
+    channel(Stream.OPACITY, 0.4, 1),
+    channel(Stream.COLOUR, 0.1, 3),
+    channel(Stream.LATENT, 9.0, 5),
 )
 REFINED_ROWS = (
     LayerRow((1,), ((0, 1, 1, 1, 1, 0),)),
@@ -223,14 +233,14 @@ REFINED_ROWS = (
 )
 SPREAD_TILES = (Tile(1, 3, 0), Tile(1, 0, 3), Tile(2, 5, 41), Tile(3, 9, 500))
 ANCHOR_CHANNELS = (
-    channel(Stream.SCALE, 0.25, *(PLAIN,) * 3, ContextRule(True, 0, 0, -6, 0), BY_CLASS, BY_CLASS),
-    channel(Stream.OFFSETS, 0.125, BY_CLASS, PLAIN, PLAIN),
+    channel(Stream.SCALE, 0.25, 6),
+    channel(Stream.OFFSETS, 0.125, 3),
 )
 _ANCHOR_RICH = (
-    channel(Stream.POSITION_RESIDUAL, 1 / 3, PLAIN, PLAIN, PLAIN),
-    channel(Stream.SCALE, 0.25, *(BY_CLASS,) * 6),
-    channel(Stream.LATENT, 3.0, *(BY_CLASS,) * 3),
-    channel(Stream.OFFSETS, 0.125, PLAIN, BY_CLASS, PLAIN),
+    channel(Stream.POSITION_RESIDUAL, 1 / 3, 3),
+    channel(Stream.SCALE, 0.25, 6),
+    channel(Stream.LATENT, 3.0, 3),
+    channel(Stream.OFFSETS, 0.125, 3),
 )
 
 
@@ -253,8 +263,8 @@ def static_plans() -> dict[str, tuple[str, Plan]]:
             dimension=2, codewords=(1, 1), constant=True, bits=6)),
         "full-block": ("65536 anchors in one block: the largest split codes its rest in two parts", Plan(
             "full", (_SCALE3,), steady(1, 0, (1,)), whole, (65536,), bits=2, skew=5, constant=True)),
-        "fifteen-classes": ("classes up to 14, context numbers up to 239", Plan(
-            "classes", (channel(Stream.SCALE, 0.5, BY_CLASS, ContextRule(True, 0, 0, -2, 0), BY_CLASS),),
+        "fifteen-classes": ("classes up to 14, context numbers of indices up to 225", Plan(
+            "classes", (channel(Stream.SCALE, 0.5, 3),),
             (LayerRow((1,) * 9, ((1,),) * 9), LayerRow(tuple(range(1, 9)) + (8,) * 7, ((2,),) * 15)),
             whole, (400,), dimension=3, spread=6)),
         "sixteen-layers": ("as many layers as there can be, the third without change", Plan(
@@ -262,12 +272,12 @@ def static_plans() -> dict[str, tuple[str, Plan]]:
                 LayerRow((0,) * min(1 + k // 4, 4), ((max(k, 1) if k != 2 else 1,),) * min(1 + k // 4, 4))
                 for k in range(16)), whole, (40,), bits=8)),
         "twenty-steps": ("refined to 3^-19 of the step; results beyond both ends of the normal binary32 range", Plan(
-            "steps", (Channel(Stream.SCALE, (2.0**-120, 1e-310, 2.0**96), (PLAIN,) * 3),),
+            "steps", (Channel(Stream.SCALE, (2.0**-120, 1e-310, 2.0**96)),),
             (LayerRow((0,), ((1,),)), LayerRow((0,), ((20,),))), whole, (30,), spread=0, bits=5)),
         "wide-values": ("first values up to 2^31 - 2, alphabets with wide gaps", Plan(
             "wide", (_SCALE3,), steady(1, 0, (1,)), whole, (30,), spread=715827882, bits=5)),
         "lattice-32": ("32 bits an axis; depth and shift at their bounds", Plan(
-            "lattice", (channel(Stream.POSITION_RESIDUAL, 1 / 3, PLAIN, PLAIN, PLAIN), _SCALE3), (
+            "lattice", (channel(Stream.POSITION_RESIDUAL, 1 / 3, 3), _SCALE3), (
                 LayerRow((0,), ((3, 1),)),), (Tile(21, 11, 5), Tile(21, 0, 6), Tile(1, 31, 1), Tile(2, 9, 63)),
             (20, 30, 20, 40), bits=32, origin=(1e6, -1e-3, 0.1), voxel=1e-7)),
         "anchors": ("anchor profile: masks, offsets, two layers, three networks", Plan(
@@ -278,7 +288,9 @@ def static_plans() -> dict[str, tuple[str, Plan]]:
                 LayerRow((0,), ((0, 1, 1, 1),)), LayerRow((0, 1), ((1, 1, 2, 1), (1, 1, 0, 1))),
                 LayerRow((1, 2), ((2, 2, 2, 1), (1, 2, 1, 1)))), whole, (45,), profile=Profile.ANCHOR, slots=32,
             dimension=3, bits=9)),
-        "annotations": ("METADATA and unknown blocks that are not critical", Plan(
-            "annotations", (_SCALE3,), steady(2, 0, (1,)), whole, (12,), metadata={"title": "annotations", "n": [1, 2]},
+        "annotations": ("METADATA, a thumbnail and unknown blocks; two-dimensional Gaussians", Plan(
+            "annotations", (_SCALE3,), steady(2, 0, (1,)), whole, (12,), metadata={
+                "title": "annotations", "n": [1, 2],
+                "coordinate_reference": {"crs": "EPSG:25832", "origin": [565000.0, 5934000.5, -12]}},
         )),
     }

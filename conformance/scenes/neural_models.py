@@ -16,8 +16,7 @@ from scarfmt.neural.arithmetic import ACCUMULATOR_LIMIT, Linear, amplitude, half
 from scarfmt.neural.grid import GridLevel, HashGrid
 from scarfmt.neural.network import Attention, GruLayer, Head, IndexNetwork, Inputs
 from scarfmt.neural.predictors import AMAX, Predictor, first_use, input_width
-from scarfmt.scene.codebooks import Codebooks
-from scarfmt.scene.model import SceneModel
+from scarfmt.scene.model import Codebooks, SceneModel
 
 _LOGIT, _SCORE = 160, 48
 
@@ -138,9 +137,7 @@ class _Maker:
         return Attention(layers[0], layers[1], layers[2], (100 * 100 * hidden // 2).bit_length() - _SCORE.bit_length())
 
     def head(self, codewords: I64, width: int, clusters: tuple[int, ...], logits: I64 | None) -> Head:
-        projections = tuple(
-            self.linear(codewords.shape[1], width, self.amax // 2) for _ in range(2 if clusters else 1)
-        )
+        projections = tuple(self.linear(codewords.shape[1], width, self.amax // 2) for _ in range(2 if clusters else 1))
         flat = Head(projections, clusters, np.zeros(len(clusters), np.int64), np.zeros(len(codewords), np.int64), 0, 0)
         if logits is not None:
             silent = tuple(Linear(0 * layer.weights, 0 * layer.biases, layer.shift) for layer in projections)

@@ -6,9 +6,7 @@ from dataclasses import replace
 
 from conformance.scenes.made import (
     ANCHOR_CHANNELS,
-    BY_CLASS,
     EVERY_CHANNEL,
-    PLAIN,
     REFINED_ROWS,
     SPREAD_TILES,
     Plan,
@@ -18,11 +16,11 @@ from conformance.scenes.neural_models import GridPlan, NetworkPlan, PredictorPla
 from scarfmt.container.file import Tile
 from scarfmt.container.schema import Profile, Stream
 from scarfmt.neural.grid import GridLevel
-from scarfmt.scene.model import ContextRule, DecodedContext, LayerRow
+from scarfmt.scene.model import DecodedContext, LayerRow
 
 _WHOLE = (Tile(0, 0, 0),)
-_SCALE3 = channel(Stream.SCALE, 0.5, BY_CLASS, ContextRule(True, 0, 0, -3, 0), PLAIN)
-_COLOURED = (_SCALE3, channel(Stream.COLOUR, 0.1, PLAIN, BY_CLASS, PLAIN))
+_SCALE3 = channel(Stream.SCALE, 0.5, 3)
+_COLOURED = (_SCALE3, channel(Stream.COLOUR, 0.1, 3))
 _ALL_PLANES = tuple(
     GridLevel(plane, resolution, table_log2, features)
     for plane, resolution, table_log2, features in (
@@ -85,11 +83,10 @@ def _predictor_plans() -> dict[str, tuple[str, Plan]]:
 
 def _latent_plans() -> dict[str, tuple[str, Plan]]:
     anchors = (
-        channel(Stream.POSITION_RESIDUAL, 1 / 3, PLAIN, PLAIN, PLAIN),
-        channel(Stream.SCALE, 0.25, *(BY_CLASS,) * 6),
-        channel(Stream.LATENT, 3.0, PLAIN, BY_CLASS, ContextRule(True, 1, 4, -3, 0), ContextRule(False, 2, 0, -5, 1),
-                PLAIN, BY_CLASS, PLAIN),
-        channel(Stream.OFFSETS, 0.125, PLAIN, BY_CLASS, PLAIN),
+        channel(Stream.POSITION_RESIDUAL, 1 / 3, 3),
+        channel(Stream.SCALE, 0.25, 6),
+        channel(Stream.LATENT, 3.0, 7),
+        channel(Stream.OFFSETS, 0.125, 3),
     )
     neural = replace(REFINED_ROWS[2], neural=True)
     return {

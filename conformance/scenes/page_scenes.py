@@ -7,7 +7,7 @@ from dataclasses import replace
 
 from conformance.scenes.cases import Case
 from conformance.scenes.container_scenes import many_pages_file, many_pages_scene, paged_file, paged_scene
-from conformance.scenes.made import PLAIN, Plan, build, channel, steady
+from conformance.scenes.made import Plan, build, channel, steady
 from conformance.scenes.neural_scenes import neural_plans
 from conformance.surgery.files import vector_file
 from conformance.writer import WriteOptions
@@ -16,7 +16,7 @@ from scarfmt.container.file import Tile
 from scarfmt.container.schema import Stream
 
 _DEEPEST, _LATTICE = 21, 32
-_SCALE = channel(Stream.SCALE, 0.5, PLAIN, PLAIN, PLAIN)
+_SCALE = channel(Stream.SCALE, 0.5, 3)
 _BASES = "R-5.5-7", "R-5.4-11"
 _LENGTHS = "R-5.4-12", "R-5.4-15"
 

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator
+import base64
+from collections.abc import Iterator
 from dataclasses import replace
 
 from conformance.scenes.cases import Case
@@ -12,7 +13,7 @@ from conformance.scenes.page_scenes import paged_cases
 from conformance.scenes.streaming_scenes import streaming_file, streaming_scene
 from conformance.surgery.files import vector_file
 from scarfmt.container.file import Block
-from scarfmt.container.schema import BlockFlag
+from scarfmt.container.schema import BlockFlag, BlockKind, RenderModel
 
 EDGES = frozenset({
     "anchors-32-slots", "duplicates", "fifteen-classes", "full-block", "index-edge", "index-equal", "index-ladder",
@@ -21,28 +22,31 @@ EDGES = frozenset({
 })
 """Plans whose vectors are at an end of what SPEC.md allows."""
 
-_STREAMING = "valid/streaming"
+_PICTURE = base64.b64decode(
+    "iVBORw0KGgoAAAANSUhEUgAAAAEAAAABCAAAAAA6fptVAAAACklEQVR42mNoAAAAggCB2kUIOwAAAABJRU5ErkJggg=="
+)
+"""A PNG of one grey pixel."""
 _ANNOTATIONS = (
+    Block(int(BlockKind.THUMBNAIL), 1, _PICTURE),
     Block(70, 1, b"unknown annotation", flags=int(BlockFlag.SAFE_TO_COPY)),
     Block(130, 1, b"private", flags=0),
     Block(200, 2, b"private", flags=0),
 )
 
 
-def valid_cases(only: Collection[str] | None = None) -> Iterator[Case]:
-    """The vectors of the classes ``valid`` and ``edge`` that are a plan, and the worked file; of ids `only`."""
+def valid_cases() -> Iterator[Case]:
+    """The vectors of the classes ``valid`` and ``edge`` that are a plan, and the worked file."""
     worked = worked_scene()
-    yield Case("worked", "the worked file of SPEC.md, appendix B", vector_file(worked), scene=worked)
+    yield Case("worked", "the worked file of SPEC.md, §4.2", vector_file(worked), scene=worked)
     for name, (purpose, plan) in {**static_plans(), **neural_plans()}.items():
         id_ = f"{'edge' if name in EDGES else 'valid'}/{name}"
-        if only is None or id_ in only:
-            scene = build(plan)
-            data = vector_file(scene, _ANNOTATIONS if name == "annotations" else ())
-            yield Case(id_, purpose, data, scene=scene)
-    yield from (case for case in paged_cases() if only is None or case.id in only)
-    if only is None or _STREAMING in only:
-        purpose = "STREAMING: two viewpoints, a view, three tiles"
-        yield Case(_STREAMING, purpose, streaming_file(), ("R-7.13-1",), scene=streaming_scene())
+        scene = build(plan)
+        if name == "annotations":
+            scene = replace(scene, fields=replace(scene.fields, render_model=RenderModel.TWO_DIMENSIONAL))
+        yield Case(id_, purpose, vector_file(scene, _ANNOTATIONS if name == "annotations" else ()), scene=scene)
+    yield from paged_cases()
+    purpose = "STREAMING: a view, boxes of three tiles"
+    yield Case("valid/streaming", purpose, streaming_file(), ("R-7.13-1",), scene=streaming_scene())
 
 
 def named(cases: list[Case]) -> dict[str, Case]:

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import re
+import textwrap
 
 _HEADING = re.compile(r"^(#{2,3}) (.+)$", re.MULTILINE)
 _FENCE = re.compile(r"^```.*?^```$", re.MULTILINE | re.DOTALL)
-_ITSELF = "Contents"
+_WIDTH = 120
 
 
 def slug(heading: str) -> str:
@@ -15,6 +16,11 @@ def slug(heading: str) -> str:
 
 
 def contents(text: str) -> str:
-    """A list of links to the sections of `text`, one line each; subsections are indented below theirs."""
-    found = [(len(match[1]), match[2]) for match in _HEADING.finditer(_FENCE.sub("", text)) if match[2] != _ITSELF]
-    return "".join(f"{'  ' * (depth - 2)}- [{title}](#{slug(title)})\n" for depth, title in found)
+    """A list of links to the chapters of `text`, each followed by the titles of its sections."""
+    lines: list[str] = []
+    for depth, title in _HEADING.findall(_FENCE.sub("", text)):
+        if len(depth) == 2:
+            lines.append(f"- [{title}](#{slug(title)})")
+        else:
+            lines[-1] += f"{' ·' if ': ' in lines[-1] else ':'} {title}"
+    return "".join(textwrap.fill(line, _WIDTH, subsequent_indent="  ") + "\n" for line in lines[1:])

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import argparse
 import ast
-import json
 import re
 import sys
 import tomllib
@@ -19,17 +18,18 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
+from scarfmt_conformance.archive import expectation, names
+
 from conformance.expect.json_text import json_text
 from conformance.spec.spec_text import RULE_ID, refusal_classes, rules, text
 
 ROOT = Path(__file__).resolve().parents[2]
-VECTORS = ROOT / "conformance" / "vectors"
 RULES = ROOT / "conformance" / "rules.json"
 TESTS = ROOT / "conformance" / "rule_tests.toml"
 FORMAT = "scar-rules 1"
 _OBLIGATION = re.compile(r"\bMUST\b")
 # They say what the word means.
-_DEFINITIONS = ("are to be read as in RFC 2119", "; else ID.` |", "holds: ID.` |")
+_DEFINITIONS = ("are to be read as in RFC 2119",)
 
 
 @dataclass(frozen=True)
@@ -45,11 +45,11 @@ class Vector:
 def vectors() -> list[Vector]:
     """Every vector written, by id."""
     out = []
-    for path in VECTORS.rglob("expect.json"):
-        row = json.loads(path.read_text())
+    for id_ in names():
+        row = expectation(id_)
         refusals = row.get("refusals", [row["refusal"]] if "refusal" in row else [])
         out.append(Vector(row["id"], frozenset(row["rules"]), frozenset(refusals), row["result"]))
-    return sorted(out, key=lambda vector: vector.id)
+    return out
 
 
 @cache
@@ -96,7 +96,12 @@ def coverage(known: list[Vector]) -> dict[str, Any]:
 
 def faults(known: list[Vector]) -> list[str]:
     """Faults of the coverage, one line each: uncovered rules and ids, unknown ones, tests that do not exist."""
-    return [*_uncovered(known), *_unknown(known), *_missing_tests(), *(f"MUST outside rules: {p}" for p in unruled())]
+    return [
+        *_uncovered(known),
+        *_unknown(known),
+        *_missing_tests(),
+        *(f"MUST outside rules: {p}" for p in unruled(text())),
+    ]
 
 
 def _uncovered(known: list[Vector]) -> Iterator[str]:
@@ -141,10 +146,10 @@ def _functions(path: Path) -> frozenset[str]:
     return frozenset(node.name for node in ast.parse(path.read_text()).body if isinstance(node, ast.FunctionDef))
 
 
-def unruled() -> list[str]:
-    """Beginnings of the paragraphs of SPEC.md that oblige someone outside every rule."""
+def unruled(texts: str) -> list[str]:
+    """Beginnings of the paragraphs that oblige someone outside every rule."""
     out = []
-    for paragraph in re.split(r"\n\n|\n(?=- |\| )", text()):
+    for paragraph in re.split(r"\n\n|\n(?=- |\| )", texts):
         line = " ".join(paragraph.split())
         rule = re.match(rf"(- |\| )?\*\*{RULE_ID.pattern}\*\*", line)
         if _OBLIGATION.search(line) and rule is None and not any(words in line for words in _DEFINITIONS):
@@ -160,7 +165,7 @@ def main(arguments: list[str]) -> int:
     choice.add_argument("--check", action="store_true", help="compare and write nothing (default)")
     options = parser.parse_args(arguments)
     known = vectors()
-    content = json_text(coverage(known))
+    content = json_text(coverage(known), levels=2)
     wrong = faults(known)
     if options.write:
         RULES.write_text(content)

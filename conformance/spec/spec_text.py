@@ -1,4 +1,4 @@
-"""SPEC.md read by programs: its field tables, rules and refusal ids.
+"""SPEC.md and SPEC-neural.md read by programs: their field tables, rules and refusal ids.
 
 Byte surgery on vectors takes its places from here, not from the package: a table printed wrong shows at once.
 """
@@ -10,15 +10,16 @@ from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 
-SPEC = Path(__file__).resolve().parents[2] / "SPEC.md"
+ROOT = Path(__file__).resolve().parents[2]
+SPEC, NEURAL = ROOT / "SPEC.md", ROOT / "SPEC-neural.md"
 RULE_ID = re.compile(r"R-\d+(?:\.\d+)?-\d+")
-_IN_LIST = r"- \*\*(R-[\d.]+-\d+)\*\* (.*?)(?=^- \*\*R-|^#|\n\n|\Z)"
-# rule | must hold | else; an empty last cell is a rule that no reader detects.
-_IN_TABLE = r"\| \*\*(R-[\d.]+-\d+)\*\* \| ([^\n]*?) \| ([^|\n]*?) ?\|$"
-_RULE = re.compile(rf"^(?:{_IN_LIST}|{_IN_TABLE})", re.MULTILINE | re.DOTALL)
-_IDENTIFIER = re.compile(r"`([a-z]+(?:-[a-z]+)+)`")
+_ID = r"(R-[\d.]+-\d+)"
+_IN_LIST = re.compile(rf"^- \*\*{_ID}\*\* (.*?)(?=^- \*\*R-|^#|\n\n|\Z)", re.MULTILINE | re.DOTALL)
+# rule | must hold | else
+_IN_TABLE = re.compile(rf"^\| \*\*{_ID}\*\* \| ([^\n]*?) \| ([^|\n]*?) ?\|$", re.MULTILINE)
+_CHECK = re.compile(rf"^ *check {_ID}: (.*?) *# else ((?:[a-z-]+, )*[a-z-]+)", re.MULTILINE)
+_REFUSAL = re.compile(r"`([a-z]+(?:-[a-z]+)+)`")
 _ROW = re.compile(r"^\| (\d+) \| (\d+) \| (\w+)(?:\[(\d+)\])? \| `(\w+)` \|", re.MULTILINE)
-_REFUSAL_ROW = re.compile(r"^\| `([a-z-]+)` \| (malformed|truncated|unsupported|limit) \| (.*?) \|$", re.MULTILINE)
 
 
 @dataclass(frozen=True)
@@ -63,8 +64,8 @@ class Rule:
 
 @cache
 def text() -> str:
-    """SPEC.md."""
-    return SPEC.read_text()
+    """Both texts, one after the other."""
+    return SPEC.read_text() + NEURAL.read_text()
 
 
 @cache
@@ -73,9 +74,7 @@ def structure(name: str) -> tuple[Place, ...]:
     found = re.search(rf"<!-- table:{name} -->\n(.*?)<!-- end -->", text(), re.DOTALL)
     if found is None:
         raise LookupError(f"SPEC.md has no table {name}")
-    return tuple(
-        Place(int(row[1]), int(row[2]), row[3], int(row[4] or 0), row[5]) for row in _ROW.finditer(found[1])
-    )
+    return tuple(Place(int(row[1]), int(row[2]), row[3], int(row[4] or 0), row[5]) for row in _ROW.finditer(found[1]))
 
 
 def size_of(name: str) -> int:
@@ -89,26 +88,44 @@ def place_of(name: str, field: str) -> Place:
     return next(place for place in structure(name) if place.name == field)
 
 
-@cache
+def refusal_class(refusal: str) -> str:
+    """The class that a refusal id shows (SPEC §12.1)."""
+    if refusal.startswith("truncated-"):
+        return "truncated"
+    if refusal.startswith("unsupported-") or refusal == "unknown-critical-block":
+        return "unsupported"
+    return "limit" if refusal.startswith("limit-") or refusal in ("count-limit", "content-limit") else "malformed"
+
+
 def refusal_classes() -> dict[str, str]:
-    """Refusal id of §12.1 -> its class, in the order of the table."""
-    return {row[1]: row[2] for row in _REFUSAL_ROW.finditer(text())}
+    """Every refusal id that a rule prints -> its class, in the order of the rules."""
+    return {refusal: refusal_class(refusal) for rule in rules().values() for refusal in rule.refusals}
 
 
-def defined(text: str) -> list[tuple[str, str]]:
-    """(id, text on one line) of every rule of a part of SPEC.md, in the order of the text, whether list or table."""
-    out = []
-    for listed, body, row, condition, refusal in _RULE.findall(text):
-        line = " ".join(body.split()) if listed else f"{condition.removesuffix('.')}; else {refusal}."
-        out.append((listed or row, line if listed or refusal else condition))
+def defined(part: str) -> list[tuple[str, str]]:
+    """(id, text on one line) of every rule that a list or a table of `part` defines, in the order of the text."""
+    found = [(m.start(), m[1], " ".join(m[2].split())) for m in _IN_LIST.finditer(part)]
+    found += [(m.start(), m[1], f"{m[2].removesuffix('.')}; else {m[3]}.") for m in _IN_TABLE.finditer(part)]
+    return [(rule, line) for _, rule, line in sorted(found)]
+
+
+def checks(part: str) -> dict[str, list[tuple[str, list[str]]]]:
+    """Rule -> (what must hold, refusal ids) of each line `check` of the layouts and the pseudo-code of `part`."""
+    out: dict[str, list[tuple[str, list[str]]]] = {}
+    for match in _CHECK.finditer(part):
+        out.setdefault(match[1], []).append((match[2], match[3].split(", ")))
     return out
 
 
 @cache
 def rules() -> dict[str, Rule]:
-    """Every rule by id, in the order of the text."""
+    """Every rule by id: those of lists and tables, in the order of the text, then those that only layouts state."""
     out = {}
     for rule, line in defined(text()):
-        printed = [name for name in _IDENTIFIER.findall(line) if name in refusal_classes()]
-        out[rule] = Rule(rule, line, not line.startswith("(V)"), tuple(dict.fromkeys(printed)))
+        printed = tuple(dict.fromkeys(_REFUSAL.findall(line)))
+        out[rule] = Rule(rule, line, not line.startswith("(V)"), printed)
+    for rule, lines in checks(text()).items():
+        if rule not in out:
+            holds = "; ".join(dict.fromkeys(condition for condition, _ in lines))
+            out[rule] = Rule(rule, f"{holds}.", True, tuple(dict.fromkeys(i for _, ids in lines for i in ids)))
     return out

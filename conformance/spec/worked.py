@@ -1,4 +1,4 @@
-"""The worked file of SPEC.md §4 and appendix B: every byte named, one rANS stream traced, the decoded values listed."""
+"""The worked file of SPEC.md §4: every byte named, one rANS stream traced, the decoded values listed."""
 
 from __future__ import annotations
 
@@ -20,18 +20,11 @@ from scarfmt.entropy.symbol_tables import SymbolTable
 from scarfmt.tools.dump import Dump
 
 Row = tuple[int, int, str, str]
-_SHOWN_BYTES = 13
 
 
 def worked_file() -> bytes:
     """The bytes of the file."""
     return vector_file(worked_scene())
-
-
-def hex_dump(data: bytes) -> str:
-    """Sixteen bytes a line after their offset, in a code block."""
-    lines = [f"{start:04x}  {data[start : start + 16].hex(' ')}" for start in range(0, len(data), 16)]
-    return "\n".join(["```", *lines, "```", ""])
 
 
 def field_rows(data: bytes) -> list[Row]:
@@ -52,15 +45,6 @@ def field_rows(data: bytes) -> list[Row]:
 
 def _key_text(key: TableKey) -> str:
     return f"({Stream(key.stream).name}, {key.component}, {key.step}, {key.context})"
-
-
-def field_table_text(data: bytes) -> str:
-    """The rows as SPEC.md prints them."""
-    lines = ["| offset | size | bytes | field | value |", "|---:|---:|---|---|---|"]
-    for offset, size, field, value in field_rows(data):
-        shown = data[offset : offset + size][:_SHOWN_BYTES].hex(" ") + (" ..." if size > _SHOWN_BYTES else "")
-        lines.append(f"| {offset} | {size} | `{shown}` | {field} | {value} |")
-    return "\n".join(lines) + "\n"
 
 
 def rans_trace(data: bytes) -> list[tuple[str, int, int, int, int]]:
@@ -97,9 +81,9 @@ def rans_trace(data: bytes) -> list[tuple[str, int, int, int, int]]:
 def _scale_groups() -> list[tuple[TableKey, int]]:
     """The groups of SCALE in layer 2: step 1 of anchor 2, then step 2 of anchors 0 and 1, component by component.
 
-    Component 1 has component 0, here -3, as its source with low -4; all values refined are -2 or less.
+    All values refined are -2 or less.
     """
-    first = [(component, 1, 1 if component == 1 else 0, 1) for component in range(3)]
+    first = [(component, 1, 0, 1) for component in range(3)]
     then = [(component, 2, 0, 2) for component in range(3)]
     return [(TableKey(Stream.SCALE, c, step, context), count) for c, step, context, count in first + then]
 

@@ -25,11 +25,9 @@ from conformance.decoders.python.arithmetic import (
 from conformance.decoders.python.index_network import Coder, Network, frequencies, parse_network
 from conformance.writer.networks import network_block
 from scarfmt.neural import arithmetic, network
-from scarfmt.scene.codebooks import Codebooks
+from scarfmt.scene.model import Codebooks
 
-BOOKS = Codebooks(
-    np.array([[0, 0], [37, -12], [-50, 21], [14, 60]]), np.array([[1, -1], [24, 3], [19, -9], [30, -2]])
-)
+BOOKS = Codebooks(np.array([[0, 0], [37, -12], [-50, 21], [14, 60]]), np.array([[1, -1], [24, 3], [19, -9], [30, -2]]))
 FINE_VALUES = (700, -4100, 20000)
 FIRST_INDEX = 2
 """The first index of the worked example, of stage 1."""
@@ -72,7 +70,11 @@ def worked_network() -> network.IndexNetwork:
             _layer([[3, 7, -2], [2, -5, 4], [1, -2, 3]], [-12, 20, -30], 2),
             _layer([[-6, 1, 5], [8, 3, -7], [-1, 2, 4]], [4, 0, 9], 2),
         ),
-        (1, 3), _array([120, -60]), _array([0, 15, -25, 40]), 3, 1,
+        (1, 3),
+        _array([120, -60]),
+        _array([0, 15, -25, 40]),
+        3,
+        1,
     )
     return network.IndexNetwork(
         activation_bits=8,

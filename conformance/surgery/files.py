@@ -7,13 +7,13 @@ from dataclasses import replace
 
 from conformance.decoders.python.front import NO_TILE, Root, read_entries, read_tiles
 from conformance.spec.spec_text import size_of
-from conformance.surgery.parts import Row, unpack
+from conformance.surgery.parts import Row, substreams, unpack
 from conformance.writer import FrameStyle, WriteOptions, write_container, write_file
 from conformance.writer.container import Counts
 from scarfmt.coding.writer import QuantisedScene
 from scarfmt.container.bytefields import decompress
 from scarfmt.container.file import Block, HeaderFields, Tile
-from scarfmt.container.schema import BlockKind, ColourSpace, CoordinateFrame, Stream
+from scarfmt.container.schema import BlockKind, ColourSpace, CoordinateFrame, RenderModel, Stream
 from scarfmt.container.substreams import unpack_table
 
 COMPRESSED = (BlockKind.TABLES, BlockKind.DECODER_MLP, BlockKind.SCENE_MLP)
@@ -35,12 +35,29 @@ def blocks_of(data: bytes) -> list[Block]:
     out = []
     for entry in read_entries(data, Root(data)):
         payload = data[entry.offset : entry.offset + entry.length]
-        streams: dict[int, int] = {}
-        if entry.kind == BlockKind.TILE:
-            streams = {int(kind): part.length for kind, part in unpack_table(payload, len(payload)).items()}
         tile = None if entry.tile == NO_TILE else entry.tile
+        streams = stream_bytes(payload) if entry.kind == BlockKind.TILE else {}
         out.append(Block(entry.kind, entry.layer, payload, tile, entry.count, streams, entry.flags))
     return out
+
+
+def block_of(data: bytes, kind: BlockKind, layer: int | None = None) -> Block:
+    """The first block of a kind, or that of a layer."""
+    return next(block for block in blocks_of(data) if block.kind == kind and layer in (None, block.layer))
+
+
+def copied(data: bytes, kind: BlockKind, layer: int) -> bytes:
+    """The file with its first block of `kind` in `layer`, too."""
+    return rebuilt(data, [*blocks_of(data), replace(block_of(data, kind), layer=layer)])
+
+
+def reframed(data: bytes, kind: BlockKind, change: Callable[[bytes], bytes]) -> bytes:
+    """The file with the first block of `kind` changed, frame and all."""
+    first = block_of(data, kind)
+    return rebuilt(data, [
+        replace(block, payload=change(block.payload)) if (block.kind, block.layer) == (kind, first.layer) else block
+        for block in blocks_of(data)
+    ])
 
 
 def rebuilt(data: bytes, blocks: Iterable[Block], counts: Counts | None = None) -> bytes:
@@ -61,8 +78,12 @@ def layer_counts_of(data: bytes) -> Counts:
 
 def _fields(header: Row) -> HeaderFields:
     names = ("profile", "sh_degree", "slots", "lattice_bits", "origin", "voxel", "source_count")
-    frame, colours = CoordinateFrame(header["coordinate_frame"]), ColourSpace(header["colour_space"])
-    return HeaderFields(**{name: header[name] for name in names}, coordinate_frame=frame, colour_space=colours)
+    return HeaderFields(
+        **{name: header[name] for name in names},
+        coordinate_frame=CoordinateFrame(header["coordinate_frame"]),
+        colour_space=ColourSpace(header["colour_space"]),
+        render_model=RenderModel(header["render_model"]),
+    )
 
 
 def vector_file(scene: QuantisedScene, extra: Iterable[Block] = (), options: WriteOptions = _PLAIN) -> bytes:
@@ -79,14 +100,21 @@ def changed(data: bytes, kind: BlockKind, layer: int, change: Callable[[bytes], 
     row = next(i for i, block in enumerate(blocks) if (block.kind, block.layer) == (kind, layer))
     old = blocks[row]
     payload = stored_frame(change(content_of(old))) if kind in COMPRESSED else change(old.payload)
-    blocks[row] = replace(old, payload=payload, count=old.count + count, stream_bytes=_streams(old, payload))
+    streams = stream_bytes(payload) if kind == BlockKind.TILE else {}
+    blocks[row] = replace(old, payload=payload, count=old.count + count, stream_bytes=streams)
     return rebuilt(data, blocks)
 
 
-def _streams(block: Block, payload: bytes) -> dict[int, int]:
-    if block.kind != BlockKind.TILE:
-        return {}
-    return {int(kind): part.length for kind, part in unpack_table(payload, len(payload)).items()}
+def stream_bytes(payload: bytes) -> dict[int, int]:
+    """Bytes per stream kind of a TILE block, as far as its table, which may be damaged, and the block go."""
+    out: dict[int, int] = {}
+    if payload and len(payload) > size_of("SUBSTREAM_RECORD") * payload[0]:
+        rest = len(payload)
+        for kind, length in substreams(payload):
+            if Stream.MODELS < kind < Stream.FRAMING and length <= rest:
+                out[kind] = out.get(kind, 0) + length
+                rest -= length
+    return out
 
 
 def without(data: bytes, kind: BlockKind, layer: int) -> bytes:

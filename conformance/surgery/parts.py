@@ -8,17 +8,20 @@ from __future__ import annotations
 
 import struct
 import zlib
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import asdict, dataclass
-from typing import Any
+from typing import Any, TypeVar
 
 from conformance.decoders.python.front import NO_TILE, Root, read_entries, read_tiles
 from conformance.spec.spec_text import Place, place_of, size_of, structure
+from conformance.surgery.edit import Changes, edited
 from conformance.writer.pages import ModelRow, Pages, TileRow, paged
 
+T = TypeVar("T")
 Row = dict[str, Any]
-Change = Callable[["Parts"], object]
-PageChange = Callable[[Pages], object]
+Change = Callable[["Parts"], object] | Changes
+PageChange = Callable[[Pages], object] | Changes
+"""Changes something in place, or says which fields have other values."""
 TILE_KIND = 16
 _STREAMS, _MODELS, _FRAMING = 13, 0, 12
 _CODES = {"u8": "B", "u16": "H", "u32": "I", "u64": "Q", "f64": "d"}
@@ -205,15 +208,21 @@ def taken_apart(data: bytes) -> Parts:
 
 def broken(data: bytes, change: Change) -> bytes:
     """The file with rows changed, and nothing made right but the checksums of the front."""
-    parts = taken_apart(data)
-    change(parts)
+    parts = _with(taken_apart(data), change)
     return parts.sealed()
+
+
+def _with(value: T, change: Callable[[T], object] | Changes) -> T:
+    if isinstance(change, Mapping):
+        made: T = edited(value, change)
+        return made
+    change(value)
+    return value
 
 
 def remade(data: bytes, change: Change) -> bytes:
     """The file with parts changed, and every size, offset, sum and checksum made right."""
-    parts = taken_apart(data)
-    change(parts)
+    parts = _with(taken_apart(data), change)
     parts.settle()
     return parts.sealed()
 
@@ -223,10 +232,10 @@ def repaged(data: bytes, contents: PageChange | None = None, root: PageChange | 
     parts = taken_apart(data)
     pages = parts.pages()
     if contents is not None:
-        contents(pages)
+        pages = _with(pages, contents)
         pages.settle()
     if root is not None:
-        root(pages)
+        pages = _with(pages, root)
     return parts.sealed(pages)
 
 
@@ -237,25 +246,35 @@ def rerooted(data: bytes, change: Callable[[bytes], bytes]) -> bytes:
     return parts.joined(change(pages.root.packed()), pages.packed_pages())
 
 
-def with_page_bits(data: bytes, page_bits: int) -> bytes:
-    """The file with pages of another size."""
-    return remade(data, lambda parts: setattr(parts, "page_bits", page_bits))
-
-
 def field_at(name: str, field: str, start: int = 0, number: int = 0) -> int:
     """Absolute offset of a field of a structure at `start`; of its given number if it has several."""
     place = place_of(name, field)
     return start + place.offset + (number * place.size // place.numbers if place.numbers else 0)
 
 
-def header_with(**numbers: Any) -> Change:
+def header_with(**numbers: Any) -> Changes:
     """A change of header fields."""
-    return lambda parts: parts.header.update(numbers)
+    return {f"header.{name}": number for name, number in numbers.items()}
 
 
 def block_with(kind: int, payload: bytes, layer: int = 1) -> Change:
     """A change of the payload of the first block of `kind` in a layer."""
-    return lambda parts: parts.put(kind, layer, lambda _: payload)
+    return block_changed(kind, lambda _: payload, layer)
+
+
+def block_changed(kind: int, change: Callable[[bytes], bytes], layer: int = 1) -> Change:
+    """A change of the payload of the first block of `kind` in a layer, made from it."""
+    return lambda parts: parts.put(kind, layer, change)
+
+
+def entry_with(kind: int, layer: int = 1, **fields: Any) -> Change:
+    """A change of fields of the entry of the first block of `kind` in a layer: values, or functions of those there."""
+
+    def change(parts: Parts) -> None:
+        row = parts.row(kind, layer)
+        parts.entries[row] = edited(parts.entries[row], fields)
+
+    return change
 
 
 def block_added(payload: bytes = b"?", **entry: int) -> Change:

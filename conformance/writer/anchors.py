@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from scarfmt.coding.writer import QuantisedScene
 from scarfmt.container.file import Tile
-from scarfmt.container.schema import Profile, Stream
+from scarfmt.container.schema import Profile
 from scarfmt.scene.model import SceneModel
 
 
@@ -68,18 +68,6 @@ class Anchors:
             nearest: NDArray[np.int64] = (values + power // 2) // power if n else 0 * values
             self._at[channel, n] = nearest.tolist()
         return self._at[channel, n]
-
-    @cached_property
-    def first(self) -> dict[int, list[list[int]]]:
-        """By channel, first-step values; 0 of an anchor that has had no step after this layer."""
-        return {
-            i: [
-                row if steps else [0] * len(row)
-                for row, steps in zip(self.at(i, 1), self.steps(self.layer, i), strict=True)
-            ]
-            for i, channel in enumerate(self.model.channels)
-            if channel.stream != Stream.OFFSETS
-        }
 
     def offset(self, channel: int, anchor: int, slot: int) -> list[int]:
         """The three numbers of a slot."""

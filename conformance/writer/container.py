@@ -11,7 +11,8 @@ from conformance.writer.pages import PAGE_BITS, TILE, ModelRow, TileRow, paged
 from scarfmt.container.file import Block, HeaderFields, Tile
 
 SIGNATURE = bytes.fromhex("89534341520d0a1a0a")
-VERSION = (0, 2)
+VERSION = (0, 3)
+THUMBNAIL = 15
 METADATA = 64
 STREAMS, MODELS, FRAMING = 13, 0, 12
 CRITICAL, SAFE_TO_COPY = 1, 2
@@ -67,7 +68,9 @@ def _key(block: Block) -> tuple[int, int, int]:
 def _flags(block: Block) -> int:
     if block.flags is not None:
         return block.flags
-    return CRITICAL if 1 <= block.kind <= TILE else SAFE_TO_COPY if block.kind == METADATA else 0
+    if block.kind in (THUMBNAIL, METADATA):
+        return SAFE_TO_COPY
+    return CRITICAL if 1 <= block.kind <= TILE else 0
 
 
 def _model_row(block: Block) -> ModelRow:
@@ -109,7 +112,7 @@ def _header(fields: HeaderFields, front: _Front, counts: Counts) -> bytes:
     layers = len(counts)
     parts = [
         SIGNATURE,
-        struct.pack("<BBBIQ", *VERSION, 0, 104 + 136 * layers, front.file_length),
+        struct.pack("<BBBIQ", *VERSION, fields.render_model, 104 + 136 * layers, front.file_length),
         struct.pack("<4B", fields.profile, fields.sh_degree, layers, fields.slots),
         struct.pack("<4B", fields.lattice_bits, fields.coordinate_frame, fields.colour_space, front.page_bits),
         struct.pack("<II", front.tile_count, len(front.root)),

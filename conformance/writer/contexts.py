@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from conformance.writer.anchors import Anchors
 
-NO_SOURCE = 255
-
 Place = tuple[int, int, int]
 """Channel, component, step."""
 
@@ -18,15 +16,9 @@ def step_symbols(anchors: Anchors, place: Place, chosen: list[int]) -> list[int]
 
 
 def table_contexts(anchors: Anchors, place: Place, chosen: list[int]) -> list[int]:
-    """first_contexts and trit_contexts of SPEC §8.4."""
+    """The contexts of a channel without predictors (SPEC §8.4)."""
     i, j, n = place
-    rule = anchors.model.channels[i].rules[j]
-    contexts = [16 * anchors.classes[a] if rule.by_class else 0 for a in chosen]
-    if n > 1:
-        values = anchors.at(i, n - 1)
-        return [c + min(max(values[a][j], -2), 2) + 2 for c, a in zip(contexts, chosen, strict=True)]
-    if rule.source_channel == NO_SOURCE:
-        return contexts
-    source = anchors.first[rule.source_channel]
-    shown = [(source[a][rule.source_component] - rule.low) >> rule.shift for a in chosen]
-    return [c + min(max(s, 0), 15) for c, s in zip(contexts, shown, strict=True)]
+    if n == 1:
+        return [0] * len(chosen)
+    values = anchors.at(i, n - 1)
+    return [min(max(values[a][j], -2), 2) + 2 for a in chosen]

@@ -91,8 +91,8 @@ def _model_blocks(scene: QuantisedScene, layer: int, options: WriteOptions) -> I
         text = json.dumps(scene.metadata, sort_keys=True, separators=(",", ":"), allow_nan=False)
         yield Block(BlockKind.METADATA, 1, text.encode() if options.metadata is None else options.metadata)
     if layer == 1 and scene.streaming is not None:
-        told = scene.streaming
-        yield Block(BlockKind.STREAMING, 1, streaming_block(told), count=len(told.viewpoints), flags=_SAFE_TO_COPY)
+        boxes = scene.streaming
+        yield Block(BlockKind.STREAMING, 1, streaming_block(boxes), count=len(boxes.reach), flags=_SAFE_TO_COPY)
 
 
 def _neural_blocks(scene: QuantisedScene, layer: int, options: WriteOptions) -> Iterator[Block]:

@@ -5,10 +5,10 @@ from __future__ import annotations
 import struct
 from collections.abc import Mapping, Sequence
 
-from conformance.writer.fields import PLAIN, RiceStyle, rice, svarint, varint
+from conformance.writer.fields import PLAIN, RiceStyle, rice, varint
 from scarfmt.arrays import Ints
 from scarfmt.blocks.mlp import Linear, QuantisedMlp
-from scarfmt.scene.model import Channel, ContextRule, DecodedContext, LayerRow
+from scarfmt.scene.model import Channel, DecodedContext, LayerRow
 
 Opening = tuple[Sequence[Channel], DecodedContext]
 """The fields that only the LAYER block of layer 1 has: the channels, and how decoded values are summed up."""
@@ -26,13 +26,7 @@ def _opening(channels: Sequence[Channel], context: DecodedContext) -> bytes:
 
 
 def _channel(channel: Channel) -> bytes:
-    components = zip(channel.first_width, channel.rules, strict=True)
-    rules = (struct.pack("<d", width) + _rule(rule) for width, rule in components)
-    return bytes([channel.stream, len(channel.rules)]) + b"".join(rules)
-
-
-def _rule(rule: ContextRule) -> bytes:
-    return bytes([rule.by_class, rule.source_channel, rule.source_component, rule.shift]) + svarint(rule.low)
+    return struct.pack(f"<2B{channel.components}d", channel.stream, channel.components, *channel.first_width)
 
 
 def _classes(row: LayerRow) -> bytes:

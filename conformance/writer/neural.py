@@ -79,7 +79,7 @@ class Seen:
 def put_predicted_step(out: Substream, seen: Seen, step: tuple[int, int], chosen: list[int], models: Models) -> None:
     """Step n of channel i of the anchors chosen, where a component has a predictor (SPEC §10.3)."""
     (i, n), anchors = step, seen.anchors
-    stream, components = int(anchors.model.channels[i].stream), len(anchors.model.channels[i].rules)
+    stream, components = int(anchors.model.channels[i].stream), anchors.model.channels[i].components
     settled, earlier = seen.attributes(i), seen.fine(i, anchors.layer - 1)
     sums = seen.context.cells(components)
     for a, steps in enumerate(anchors.steps(anchors.layer - 1, i)):

@@ -11,14 +11,12 @@ from scarfmt.blocks.streaming import Streaming
 
 def streaming_block(streaming: Streaming) -> bytes:
     """The payload of a block; nothing is checked."""
-    viewpoints, layers, tiles = streaming.gains.shape
     view = streaming.view
-    out = bytes([layers]) + varint(tiles) + varint(int(view is not None))
+    out = varint(len(streaming.reach)) + varint(int(view is not None))
     if view is not None:
         out += _floats([*view.position, *view.target, *view.up, view.fov])
-    out += varint(viewpoints) + _floats(streaming.viewpoints.ravel().tolist())
     boxes = (streaming.low, streaming.high, streaming.reach)
-    return out + b"".join(bytes(part.ravel().tolist()) for part in (*boxes, streaming.gains))
+    return out + b"".join(bytes(part.ravel().tolist()) for part in boxes)
 
 
 def _floats(numbers: Sequence[float]) -> bytes:

@@ -2,7 +2,7 @@
 
 A value's weight is its count, scaled so that the largest is top = max(largest count, 7), at most 2^24 - 1:
 w = max((2 * count * top + largest) // (2 * largest), 1). So weights are the counts themselves but where symbols are
-few; those of the worked file of SPEC.md, appendix B, come out as 7. A layer goes on with the table of an earlier one as
+few; those of the worked file of SPEC.md, §4.2, come out as 7. A layer goes on with the table of an earlier one as
 long as that has all the values: comparing sizes would take a logarithm.
 """
 

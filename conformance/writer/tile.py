@@ -85,9 +85,8 @@ def _put_offsets(out: Substream, anchors: Anchors, i: int) -> None:
     pairs = [
         (a, s) for a, slots in enumerate(anchors.slot_layers) for s, at in enumerate(slots) if at == anchors.layer
     ]
-    for j, rule in enumerate(anchors.model.channels[i].rules):
-        contexts = [16 * anchors.classes[a] if rule.by_class else 0 for a, _ in pairs]
-        out.put_by_context(key(OFFSETS, j, 1, 0), contexts, [anchors.offset(i, a, s)[j] for a, s in pairs])
+    for j in range(3):
+        out.put_by_context(key(OFFSETS, j, 1, 0), [0] * len(pairs), [anchors.offset(i, a, s)[j] for a, s in pairs])
 
 
 def _put_channel(out: Substream, seen: Seen, i: int, models: Models) -> None:
@@ -98,10 +97,10 @@ def _put_channel(out: Substream, seen: Seen, i: int, models: Models) -> None:
         chosen = [a for a in range(len(before)) if before[a] < n <= after[a]]
         if not chosen:
             continue
-        if any((channel.stream, j, n) in models.predictors for j in range(len(channel.rules))):
+        if any((channel.stream, j, n) in models.predictors for j in range(channel.components)):
             put_predicted_step(out, seen, (i, n), chosen, models)
             continue
-        for j in range(len(channel.rules)):
+        for j in range(channel.components):
             contexts = table_contexts(anchors, (i, j, n), chosen)
             out.put_by_context(key(channel.stream, j, n, 0), contexts, step_symbols(anchors, (i, j, n), chosen))
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scarfmt.arrays import I64
 from scarfmt.neural.arithmetic import ACCUMULATOR_LIMIT, MAX_WEIGHT, Linear, amplitude, half_step
 from scarfmt.neural.network import QUERY_AMAX, Attention, GruLayer, Head, IndexNetwork, Inputs
-from scarfmt.scene.codebooks import Codebooks
+from scarfmt.scene.model import Codebooks
 
 LOGIT = 160
 

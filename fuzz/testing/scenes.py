@@ -8,14 +8,13 @@ import numpy as np
 from numpy.random import Generator
 
 from scarfmt.blocks.mlp import Linear, QuantisedMlp
-from scarfmt.coding.tile import TileContent, first_values
+from scarfmt.coding.tile import TileContent
 from scarfmt.coding.writer import QuantisedScene
 from scarfmt.container.directory import local_bits
 from scarfmt.container.file import HeaderFields, Tile
 from scarfmt.container.schema import Profile, Stream
 from scarfmt.limits import MAX_LOCAL_BITS
-from scarfmt.scene.codebooks import Codebooks
-from scarfmt.scene.model import Channel, ContextRule, LayerRow, SceneModel, first_layers
+from scarfmt.scene.model import Channel, Codebooks, LayerRow, SceneModel, first_layers
 
 TILE_DEPTH = 2
 FEATURES = 8
@@ -70,7 +69,7 @@ def random_scene(
 
 
 def _channels(rng: Generator, profile: Profile, degree: int, latent: int | None) -> tuple[Channel, ...]:
-    """SCALE always, OFFSETS by profile, the others by chance; rules point at any earlier component."""
+    """SCALE always, OFFSETS by profile, the others by chance."""
     chosen: list[tuple[Stream, float, int]] = []
     if rng.random() < 0.5:
         chosen.append((Stream.POSITION_RESIDUAL, 1 / 3, 3))
@@ -81,23 +80,10 @@ def _channels(rng: Generator, profile: Profile, degree: int, latent: int | None)
     has_colour = any(stream == Stream.COLOUR for stream, _, _ in chosen)
     if (profile == Profile.ANCHOR or degree > 0 or not has_colour) and (rng.random() < 0.5 or latent):
         chosen.append((Stream.LATENT, 9.0, latent or LATENT))
-    sources = [(i, c) for i, (_, _, size) in enumerate(chosen) for c in range(size)]
-    out = []
-    for index, (stream, step, size) in enumerate(chosen):
-        rules = tuple(_rule(rng, [s for s in sources if s < (index, c)]) for c in range(size))
-        out.append(Channel(stream, tuple(step * (1 + c / 8) for c in range(size)), rules))
+    out = [Channel(stream, tuple(step * (1 + c / 8) for c in range(size))) for stream, step, size in chosen]
     if profile == Profile.ANCHOR:
-        rules = tuple(ContextRule(bool(rng.integers(2))) for _ in range(3))
-        out.append(Channel(Stream.OFFSETS, (0.1, 0.1, 0.2), rules))
+        out.append(Channel(Stream.OFFSETS, (0.1, 0.1, 0.2)))
     return tuple(out)
-
-
-def _rule(rng: Generator, earlier: list[tuple[int, int]]) -> ContextRule:
-    by_class = bool(rng.integers(2))
-    if not earlier or rng.random() < 0.5:
-        return ContextRule(by_class)
-    channel, component = earlier[rng.integers(len(earlier))]
-    return ContextRule(by_class, channel, component, int(rng.integers(-20, 20)), int(rng.integers(0, 4)))
 
 
 def _rows(rng: Generator, channels: tuple[Channel, ...], layers: int, latent: bool) -> tuple[LayerRow, ...]:
@@ -146,7 +132,6 @@ def _content(rng: Generator, model: SceneModel, bits: int, count: int) -> TileCo
     received = model.stages(len(ends), content.classes)
     indices = rng.integers(0, 20, content.indices.shape)
     content.indices = np.where(np.arange(model.max_stages) < received[:, None], indices, 0).astype(np.int16)
-    content.first = first_values(model, content)
     return content
 
 

@@ -1,22 +1,52 @@
-"""How good pictures are, by the kind of place they are seen from."""
+"""How good pictures of results are, by the kind of place they are seen from (encoder only).
+
+Many small pictures say more than a few large ones: from view to view PSNR differs by 5 to 10 dB, from one sampling of
+a picture's pixels to another by a few tenths (docs/decisions/0025-quality-everywhere.md).
+"""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
-from typing import Any
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import Any, Generic, TypeVar
 
 import numpy as np
 
-from reference_encoder.tuning import KIND_BELOW_DB, LOW_BELOW_DB, MOST_ABOVE_DB, MOST_DB
-from scarfmt.arrays import F64
+from reference_encoder.judge.views import Views
+from reference_encoder.tuning import (
+    FEWEST_COMPARED,
+    KIND_BELOW_DB,
+    LOW_BELOW_DB,
+    MOST_ABOVE_DB,
+    MOST_DB,
+    MOST_MOVED_DB,
+    VIEWS_A_COMPARED,
+)
+from scarfmt.arrays import F32, F64
+from scarfmt.render.camera import Camera
+from scarfmt.render.jit import each_view
+from scarfmt.render.metrics import psnr
+from scarfmt.render.projection import Drawable
+from scarfmt.render.rasterise import render
+from scarfmt.scene.gaussians import GaussianScene
+
+S = TypeVar("S")
+View = Callable[[Camera], F32]
+"""From a camera to the (height, width, 3) float32 picture."""
+
+ALIKE_DB = 35.0
+"""PSNR from which on people hardly tell a picture from that of the source: an error of 1.8 % of white."""
+
+_PLACES = {"orbit": "from outside", "near": "close to it", "cameras": "near the cameras"}
+"""Kinds of views in words for people."""
 
 LOW_PART = 0.05
 """Share of the views that come out worst; the best of these is the 5th percentile."""
 
 
-def most_db(asked_db: float) -> float:
+def cap_db(asked_db: float) -> float:
     """Maximum PSNR that one picture counts for, dB, at this target.
 
     Where next to nothing differs, more is no merit; and one picture without any error would make a mean infinite.
@@ -29,7 +59,7 @@ class Quality:
     """PSNR of pictures of a result against pictures of the source, from views of several kinds.
 
     Attributes:
-        psnr_db: kind -> (n,) float64 of its views, each at most :func:`most_db`; kinds that show nothing are left out.
+        psnr_db: kind -> (n,) float64 of its views, each at most :func:`cap_db`; kinds that show nothing are left out.
         shares: how much each kind counts, of whatever sum.
     """
 
@@ -69,16 +99,29 @@ class Quality:
         """The quality of the views of each kind."""
         return {kind: Quality({kind: values}, {kind: 1.0}) for kind, values in self.psnr_db.items()}
 
+    def verdict(self) -> str:
+        """How much a result looks like its source, in one line for people."""
+        if not len(self):
+            return "not judged: no view shows anything"
+        weights, values = self._weighted()
+        share = float(weights @ (values >= ALIKE_DB))
+        places = "all places tried" if values.min() >= ALIKE_DB else f"{math.floor(100 * share + 1e-9)} % of places"
+        worst = min(self.psnr_db, key=lambda kind: float(self.psnr_db[kind].min()))
+        return (
+            f"looks like the source from {places} ({ALIKE_DB:g} dB or more), {self.mean_db:.1f} dB on average;"
+            f" worst {_PLACES.get(worst, worst)}, {self.worst_db:.1f} dB"
+        )
+
     def shortfalls(self, asked_db: float) -> list[str]:
         """The figures that are far below the target, in one sentence each."""
         said = [
-            f"{kind} is {asked_db - found.mean_db:.1f} dB below what was asked for"
+            f"{kind} is {asked_db - found.mean_db:.1f} dB below the target"
             for kind, found in self.by_kind().items()
             if found.mean_db < asked_db - KIND_BELOW_DB
         ]
         if self.low_db < asked_db - LOW_BELOW_DB:
-            below = f"{asked_db - self.low_db:.1f} dB below what was asked for"
-            said.append(f"one view in twenty is {below} or worse; --worst asks for a floor")
+            below = f"{asked_db - self.low_db:.1f} dB below the target"
+            said.append(f"5 % of the views are at least {below}; --worst sets a minimum for the others")
         return said
 
     def figures(self) -> dict[str, Any]:
@@ -98,3 +141,85 @@ class Quality:
         weights = [np.full(len(self.psnr_db[kind]), self.shares[kind] / len(self.psnr_db[kind])) for kind in kinds]
         joined = np.concatenate([np.zeros(0), *weights])
         return joined / max(float(joined.sum()), 1e-300), np.concatenate([np.zeros(0), *values])
+
+
+def draw_gaussians(scene: GaussianScene) -> View:
+    """A scene, ready to be drawn."""
+    return partial(render, Drawable.of(scene))
+
+
+@dataclass(frozen=True)
+class Judge(Generic[S]):
+    """Views of the source, those left out that show nothing of it.
+
+    Attributes:
+        view: makes a scene of this sort ready to be drawn.
+        seen: of each kind, views and pictures of the source.
+        shares: how much each kind counts.
+        most_db: what a picture counts for at most.
+    """
+
+    view: Callable[[S], View]
+    seen: Mapping[str, Sequence[tuple[Camera, F32]]]
+    shares: Mapping[str, float]
+    most_db: float = math.inf
+
+    @classmethod
+    def of(cls, scene: S, view: Callable[[S], View], views: Views, most_db: float = math.inf) -> Judge[S]:
+        """With pictures of `scene`, which are drawn here."""
+        draw = view(scene)
+        pictures = {
+            kind: list(zip(cameras, each_view(draw, cameras), strict=True)) for kind, cameras in views.cameras.items()
+        }
+        shown = {kind: [pair for pair in pairs if pair[1].any()] for kind, pairs in pictures.items()}
+        return cls(view, {kind: pairs for kind, pairs in shown.items() if pairs}, views.shares, most_db)
+
+    def thinned(self, some: Callable[[int], slice]) -> Judge[S]:
+        """`some` of so many views of each kind."""
+        return replace(self, seen={kind: pairs[some(len(pairs))] for kind, pairs in self.seen.items()})
+
+    def quality(self, scene: S) -> Quality:
+        """How good pictures of `scene` are."""
+        draw = self.view(scene)
+        found = {
+            kind: np.array([min(decibels, self.most_db) for decibels in _decibels(draw, pairs)])
+            for kind, pairs in self.seen.items()
+        }
+        return Quality(found, self.shares)
+
+
+def _decibels(draw: View, pairs: Sequence[tuple[Camera, F32]]) -> Iterator[float]:
+    """PSNR of what `draw` draws from each camera against the picture beside it, dB."""
+    drawn = each_view(draw, [camera for camera, _ in pairs])
+    return (psnr(picture, truth) for picture, (_, truth) in zip(drawn, pairs, strict=True))
+
+
+class IncrementalJudge(Generic[S]):
+    """Judges one trial after another: the first by all views, later ones by what they change in some of them.
+
+    From view to view PSNR differs by 5 to 10 dB, but what a change of lambda does to it differs by tenths: differences
+    in half of the views tell as much as all of them (docs/decisions/0031-encoder-time.md).
+
+    Attributes:
+        judge: all views.
+        by_mean: whether a mean was asked for, not a floor, which no difference tells.
+    """
+
+    def __init__(self, judge: Judge[S], by_mean: bool) -> None:
+        self.judge, self.by_mean = judge, by_mean
+        self._few = judge.thinned(compared_views)
+        self._whole: Quality | None = None
+
+    def psnr_db(self, scene: S) -> float:
+        """The PSNR of a trial, mean or low end, which is compared with the target, dB."""
+        if self.by_mean and self._whole is not None and len(self._whole):
+            moved = self._few.quality(scene).mean_db - self._whole.thinned(compared_views).mean_db
+            if abs(moved) <= MOST_MOVED_DB:
+                return self._whole.mean_db + moved
+        self._whole = self.judge.quality(scene)
+        return self._whole.mean_db if self.by_mean else self._whole.low_db
+
+
+def compared_views(views: int) -> slice:
+    """The views of a kind, of so many, that show what a later trial changes."""
+    return slice(None, None, max(1, min(VIEWS_A_COMPARED, views // FEWEST_COMPARED)))

@@ -6,29 +6,29 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from reference_encoder.decide.allocate import classify
-from reference_encoder.decide.assemble import Quantised, assembled
-from reference_encoder.decide.decision import Decision
-from reference_encoder.decide.lagrangian import best_width, lambda_for
-from reference_encoder.decide.lattice import place
-from reference_encoder.decide.plans import position_bits
-from reference_encoder.decide.problem import Budget, Channels, Classes, Geometry, Problem
-from reference_encoder.decide.rdo import choose_values
-from reference_encoder.judge.finished import finished_anchors
-from reference_encoder.judge.judge import Judge
-from reference_encoder.judge.quality import most_db
-from reference_encoder.judge.views import Sight, judged_views
-from reference_encoder.latent.fit import FittedLatent, Wanted, fit_latent
-from reference_encoder.measure.anchor_sensitivity import AnchorSensitivity, anchor_view, measure_anchors
-from reference_encoder.measure.survey import Survey, survey
+from reference_decoder.reconstruct import NETWORKS
+from reference_encoder.importance.anchor_sensitivity import AnchorSensitivity, draw_anchors, measure_anchors
+from reference_encoder.importance.view_sampling import sample_views
+from reference_encoder.judge.quality import Judge, cap_db
+from reference_encoder.judge.reconstruct import reconstruct_anchors
+from reference_encoder.judge.views import ViewSet, judging_views
 from reference_encoder.options import EncodeOptions
+from reference_encoder.rdo.allocation import Allocation
+from reference_encoder.rdo.classes import Classes, classify
+from reference_encoder.rdo.curves import best_width, position_bits, predict_lambda
+from reference_encoder.rdo.latent import fit_latent
+from reference_encoder.rdo.lattice import place
+from reference_encoder.rdo.quantised_scene import assemble_scene
+from reference_encoder.rdo.rdo_input import RdoInput
+from reference_encoder.rdo.rounding import round_values
+from reference_encoder.streaming_block import place_anchors
 from reference_encoder.tuning import (
     ANCHOR_BASE_SHARE,
     ANCHOR_BITS,
     ANCHOR_COARSEST,
-    ANCHOR_EXTRA_STAGES,
     ANCHOR_LAMBDA_DB,
     ANCHOR_VIEWS,
+    COARSEST_LATENT,
     MLP_BITS,
     MOST_ANCHOR_CLASSES,
     SIZE_SHARE,
@@ -41,11 +41,9 @@ from scarfmt.coding.writer import QuantisedScene, Report, silent
 from scarfmt.container import schema
 from scarfmt.container.schema import Stream
 from scarfmt.errors import InvalidInput
-from scarfmt.render.upright import resolved
-from scarfmt.scene.gaussians import AnchorModel, GaussianScene, Mlp
-from scarfmt.scene.model import Channel, ContextRule, LayerRow, SceneModel
-
-_NETWORKS = ("opacity", "cov", "color")
+from scarfmt.render.viewpoints import resolved
+from scarfmt.scene.gaussians import AnchorModel, Mlp
+from scarfmt.scene.model import Channel, LayerRow, SceneModel
 
 
 @dataclass(frozen=True)
@@ -64,70 +62,69 @@ class AnchorProfile:
     report: Report
 
     @classmethod
-    def measured(cls, model: AnchorModel, options: EncodeOptions, report: Report = silent) -> AnchorProfile:
-        """A model without NaN or infinity, looked at from the views that matter.
+    def measure(cls, model: AnchorModel, options: EncodeOptions, report: Report = silent) -> AnchorProfile:
+        """Measure a model without NaN or infinity, from the views that matter.
 
         Raises:
             InvalidInput: ``input-anchors`` when its networks are missing.
         """
-        if set(model.mlps) != set(_NETWORKS):
+        if set(model.mlps) != set(NETWORKS):
             raise InvalidInput("input-anchors", f"networks {sorted(model.mlps)}: need opacity, cov and color")
-        seen = measure_anchors(model, _survey(model, options), options.seed, lambda f: report("visibility", f))
+        # As for a scene with a Gaussian on every anchor, but fewer.
+        views = sample_views(place_anchors(model), options).thinned(ANCHOR_VIEWS)
+        options = replace(options, frame=views.up.up)
+        seen = measure_anchors(model, views, options.seed, lambda part: report("visibility", part))
         return cls(model, seen, options, report)
 
-    @property
-    def source_count(self) -> int:
-        """Anchors of the source."""
-        return len(self.model)
-
-    def judge(self, sight: Sight) -> Judge[AnchorModel]:
+    def judge(self, view_set: ViewSet) -> Judge[AnchorModel]:
         """Pictures of the source from views of a set, drawn now."""
-        shell, drawn = _shell(self.model), len(self.model) * self.model.slots
-        views = judged_views(shell, self.options, resolved(shell, self.options.frame), sight, drawn)
-        return Judge.of(self.model, anchor_view, views, most_db(self.options.asked_db))
+        shell, drawn = place_anchors(self.model), len(self.model) * self.model.slots
+        views = judging_views(shell, self.options, resolved(shell, self.options.frame), view_set, drawn)
+        return Judge.of(self.model, draw_anchors, views, cap_db(self.options.asked_db))
 
     @property
-    def shows_layers(self) -> bool:
-        """Whether layers can be drawn."""
-        return False
-
-    @property
-    def looks(self) -> None:
-        """Nothing: layers are as predicted."""
+    def preview(self) -> None:
+        """Nothing: layers go by rule."""
         return
 
-    def problem(self, quality: float) -> Problem:
-        """The problem of encoding at the lambda predicted to give `quality` dB, with its latent fitted.
+    def prepare(self, quality: float) -> RdoInput:
+        """What is to be decided at the lambda predicted to give `quality` dB.
 
         Raises:
             InvalidInput: ``input-anchors`` when no feature is seen.
         """
-        kept = self._kept(lambda_for(quality, len(self.model), ANCHOR_LAMBDA_DB))
+        kept = self._keep(predict_lambda(quality, len(self.model), ANCHOR_LAMBDA_DB))
         seen, model = kept.seen, kept.model
+        latent = fit_latent(model.features, seen.feature, kept.lambda_ * len(model), seen.metric)
+        if latent is None:
+            raise InvalidInput("input-anchors", "no feature of this model is visible from the given cameras")
         weight = (seen.shape * seen.inverse_variance).sum(axis=1)
         placement = place(model.anchors, best_width(weight, kept.lambda_), self.options.tile_anchors)
-        values = {Stream.POSITION_RESIDUAL: placement.residual, Stream.SCALE: model.log_scaling.astype(np.float64)}
-        weights = {
-            Stream.POSITION_RESIDUAL: np.repeat((weight * placement.cell**2)[:, None], 3, axis=1),
-            Stream.SCALE: kept.scale_weight(),
-        }
-        geometry = Geometry(
+        return RdoInput(
             profile=schema.Profile.ANCHOR,
             slots=model.slots,
             sh_degree=0,
             source_count=len(self.model),
             positions=model.anchors,
             placement=placement,
-        )
-        return Problem(
-            geometry=geometry,
-            channels=Channels(values=values, weights=weights, coarsest=ANCHOR_COARSEST),
-            fitted=self._fitted(kept),
+            values={
+                Stream.POSITION_RESIDUAL: placement.residual,
+                Stream.SCALE: model.log_scaling.astype(np.float64),
+                Stream.LATENT: latent.values,
+            },
+            weights={
+                Stream.POSITION_RESIDUAL: np.repeat((weight * placement.cell**2)[:, None], 3, axis=1),
+                Stream.SCALE: kept.scale_weight(),
+                Stream.LATENT: latent.weight[:, None],
+            },
+            coarsest={**ANCHOR_COARSEST, Stream.LATENT: (COARSEST_LATENT,) * latent.values.shape[1]},
+            latent=latent,
             classes=kept.presence(),
-            budget=Budget(lambda_=kept.lambda_, lost=kept.lost, base_share=ANCHOR_BASE_SHARE),
+            lambda_=kept.lambda_,
+            base_share=ANCHOR_BASE_SHARE,
         )
 
-    def _kept(self, lambda_: float) -> _Kept:
+    def _keep(self, lambda_: float) -> _Kept:
         """The anchors and slots that are worth sending."""
         seen = self.sensitivity
         slots = seen.shape * SLOT_ABSENCE > lambda_ * SLOT_BITS
@@ -135,43 +132,28 @@ class AnchorProfile:
         classes, count = classify(importance, lambda_, ANCHOR_BITS, MOST_ANCHOR_CLASSES)
         kept = np.flatnonzero(classes >= 0)
         return _Kept(
-            model=_taken(self.model, kept),
+            model=_take(self.model, kept),
             seen=seen.take(kept),
             slots=slots[kept],
             classes=classes[kept],
             count=count,
             importance=importance[kept],
             lambda_=lambda_,
-            lost=float((seen.shape.sum() - (seen.shape * slots)[kept].sum()) * SLOT_ABSENCE),
         )
 
-    def _fitted(self, kept: _Kept) -> FittedLatent:
-        wanted = Wanted(
-            vectors=kept.model.features,
-            weight=kept.seen.feature,
-            classes=kept.classes,
-            lambda_=kept.lambda_,
-            metric=kept.seen.metric,
-            extra_stages=ANCHOR_EXTRA_STAGES,
-        )
-        fitted = fit_latent(wanted, self.options, self.report)
-        if fitted is None:
-            raise InvalidInput("input-anchors", "no feature of this model is visible from the given cameras")
-        return fitted
+    def quantise(self, problem: RdoInput, allocation: Allocation) -> QuantisedScene:
+        """All integers of the file of an allocation, offsets and slots now decided too."""
+        kept = self._keep(problem.lambda_)
+        model, offsets = kept.with_offsets(allocation.model)
+        slot_layers = kept.slot_layers(model, allocation.lambdas)
+        integers = {**allocation.integers, Stream.OFFSETS: offsets * (slot_layers > 0)[:, :, None]}
+        mlps = tuple(_quantise_mlp(self.model.mlps[name]) for name in NETWORKS)
+        allocation = replace(allocation, model=model, integers=integers)
+        return assemble_scene(problem, allocation, self.options.metadata, mlps, slot_layers)
 
-    def finish(self, problem: Problem, decision: Decision) -> Quantised:
-        """All integers of the file that `decision` says, offsets and slots now decided too."""
-        kept = self._kept(problem.budget.lambda_)
-        model, offsets = kept.with_offsets(decision.model)
-        slot_layers = kept.slot_layers(model, decision.lambdas)
-        finals = {**decision.finals, Stream.OFFSETS: offsets * (slot_layers > 0)[:, :, None]}
-        mlps = tuple(_quantised(self.model.mlps[name]) for name in _NETWORKS)
-        decided = replace(decision, model=model, finals=finals)
-        return assembled(problem, decided, self.options.metadata, mlps, slot_layers)
-
-    def finished(self, scene: QuantisedScene) -> AnchorModel:
+    def reconstruct(self, scene: QuantisedScene) -> AnchorModel:
         """The scene that a decoder makes of the last layer of a file."""
-        return finished_anchors(scene)
+        return reconstruct_anchors(scene)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -185,7 +167,6 @@ class _Kept:
         count: how many classes.
         importance: (N,) squared picture error of leaving an anchor out.
         lambda_: squared picture error per bit.
-        lost: squared picture error of what is gone.
     """
 
     model: AnchorModel
@@ -195,7 +176,6 @@ class _Kept:
     count: int
     importance: F64
     lambda_: float
-    lost: float
 
     def presence(self) -> Classes:
         """The classes, and what it costs an anchor to be there with the slots that pay."""
@@ -210,7 +190,7 @@ class _Kept:
             of=self.classes,
             count=self.count,
             importance=self.importance,
-            standing=np.zeros(len(self.classes)),  # layers of anchors are of whole classes
+            coverage_rank=None,
             presence_bits=presence_bits,
         )
 
@@ -236,10 +216,10 @@ class _Kept:
         step = np.clip(np.sqrt(6 * self.lambda_ / np.log(2) * self.slots.sum() / total), largest * 1e-6, largest)
         anchor, slot = np.nonzero(self.slots)
         chosen = np.zeros(offsets.shape, np.int64)
-        chosen[anchor, slot] = choose_values(
+        chosen[anchor, slot] = round_values(
             offsets[anchor, slot] / step, weight[anchor, slot] * step**2, self.classes[anchor], self.lambda_
         )
-        channel = Channel(Stream.OFFSETS, tuple(float(s) for s in step), (ContextRule(),) * 3)
+        channel = Channel(Stream.OFFSETS, tuple(float(s) for s in step))
         rows = tuple(LayerRow(row.stages, tuple((*steps, 1) for steps in row.steps)) for row in scene.layers)
         return SceneModel(scene.profile, scene.slots, (*scene.channels, channel), rows), chosen
 
@@ -252,29 +232,12 @@ class _Kept:
         return np.where(self.slots & pays.any(axis=0), np.minimum(layers, len(lambdas)), 0)
 
 
-def _survey(model: AnchorModel, options: EncodeOptions) -> Survey:
-    """The views to measure from, as for a scene with a Gaussian on every anchor, but fewer."""
-    return survey(_shell(model), options).thinned(ANCHOR_VIEWS)
-
-
-def _shell(model: AnchorModel) -> GaussianScene:
-    """A Gaussian on every anchor, of which only the place counts."""
-    n = len(model)
-    return GaussianScene(
-        model.anchors,
-        np.zeros((n, 3), np.float32),
-        np.zeros((n, 4), np.float32),
-        np.zeros(n, np.float32),
-        np.zeros((n, 1, 3), np.float32),
-    )
-
-
-def _taken(model: AnchorModel, index: I64) -> AnchorModel:
+def _take(model: AnchorModel, index: I64) -> AnchorModel:
     return AnchorModel(
         model.anchors[index], model.features[index], model.offsets[index], model.log_scaling[index], model.mlps
     )
 
 
-def _quantised(mlp: Mlp) -> QuantisedMlp:
+def _quantise_mlp(mlp: Mlp) -> QuantisedMlp:
     layers = zip(mlp.weights, mlp.biases, strict=True)
     return QuantisedMlp(tuple(Linear.quantised(weights, biases, bits=MLP_BITS) for weights, biases in layers))

@@ -2,37 +2,36 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
-from reference_encoder.decide.allocate import classify, ranked_with_colour
-from reference_encoder.decide.assemble import Quantised, assembled
-from reference_encoder.decide.decision import Decision
-from reference_encoder.decide.lagrangian import best_width, lambda_for
-from reference_encoder.decide.lattice import Placement, place
-from reference_encoder.decide.plans import position_bits
-from reference_encoder.decide.problem import Budget, Channels, Classes, Geometry, Problem, standing
-from reference_encoder.judge.finished import finished_gaussians
-from reference_encoder.judge.judge import Judge, gaussian_view
-from reference_encoder.judge.looks import Looks
-from reference_encoder.judge.quality import most_db
-from reference_encoder.judge.views import Sight, judged_views
-from reference_encoder.latent.fit import FittedLatent, Wanted, fit_latent
-from reference_encoder.measure.attributes import Attributes, from_scene, without_hidden_scales
-from reference_encoder.measure.sensitivity import Sensitivity, measure
-from reference_encoder.measure.survey import Survey, survey
-from reference_encoder.measure.weights import Weights, weighed
+from reference_encoder.importance.attributes import Attributes, visible_attributes
+from reference_encoder.importance.sensitivity import Sensitivity, measure_sensitivity
+from reference_encoder.importance.view_sampling import SurveyViews, sample_views
+from reference_encoder.importance.weights import Weights, weigh_scene
+from reference_encoder.judge.preview_quality import PreviewJudge
+from reference_encoder.judge.quality import Judge, cap_db, draw_gaussians
+from reference_encoder.judge.reconstruct import reconstruct_gaussians
+from reference_encoder.judge.views import ViewSet, judging_views
 from reference_encoder.options import EncodeOptions
-from reference_encoder.profiles.account import ACCOUNT, account
+from reference_encoder.rdo.allocation import Allocation
+from reference_encoder.rdo.classes import Classes, classify, rank_by_coverage, rank_with_colour
+from reference_encoder.rdo.curves import best_width, position_bits, predict_lambda
+from reference_encoder.rdo.latent import Latent, fit_latent
+from reference_encoder.rdo.lattice import Placement, place
+from reference_encoder.rdo.quantised_scene import assemble_scene
+from reference_encoder.rdo.rdo_input import RdoInput
 from reference_encoder.tuning import (
     CLASS_COLOUR_SHARE,
+    COARSEST_LATENT,
     GAUSSIAN_BASE_SHARE,
     GAUSSIAN_BITS,
     GAUSSIAN_COARSEST,
     GAUSSIAN_LAMBDA_DB,
+    INVISIBLE_WEIGHT,
     MOST_GAUSSIAN_CLASSES,
     REST_SHARE,
     SHAPE_SHARE,
@@ -41,8 +40,11 @@ from scarfmt.arrays import F64, I64
 from scarfmt.coding.writer import QuantisedScene, Report, silent
 from scarfmt.container import schema
 from scarfmt.container.schema import Stream
+from scarfmt.scene.description import NOTHING_SAID, Description
 from scarfmt.scene.gaussians import GaussianScene
 
+ENCODE_REPORT = "survey"
+"""The member of METADATA that :func:`report_encoding` makes."""
 _CHANNELS = (Stream.SCALE, Stream.ROTATION, Stream.OPACITY, Stream.COLOUR)
 
 
@@ -61,101 +63,110 @@ class ExplicitProfile:
 
     scene: GaussianScene
     attributes: Attributes
-    survey: Survey
+    survey: SurveyViews
     weights: Weights
     sensitivity: Sensitivity
     options: EncodeOptions
     report: Report
 
     @classmethod
-    def measured(cls, scene: GaussianScene, options: EncodeOptions, report: Report = silent) -> ExplicitProfile:
-        """A scene without NaN or infinity, looked at from the views that matter."""
+    def measure(cls, scene: GaussianScene, options: EncodeOptions, report: Report = silent) -> ExplicitProfile:
+        """Measure a scene without NaN or infinity, from the views that matter."""
         report("visibility", 0.0)
-        attributes = from_scene(scene)
-        views = survey(scene, options)
-        weights = weighed(scene, views, lambda part: report("visibility", part))
-        attributes = without_hidden_scales(attributes, weights.pixel)
-        told = replace(options, frame=views.up.up)
-        return cls(scene, attributes, views, weights, measure(attributes, weights), told, report)
+        views = sample_views(scene, options)
+        weights = weigh_scene(scene, views, lambda part: report("visibility", part))
+        attributes = visible_attributes(scene, weights.pixel)
+        options = replace(options, frame=views.up.up)
+        return cls(scene, attributes, views, weights, measure_sensitivity(attributes, weights), options, report)
 
-    def reweighted(self, shares: Mapping[str, float]) -> ExplicitProfile:
-        """Sensitivities in which each kind of view has the weight given by `shares`, whose sum is 1."""
-        weights = replace(self.weights, shares=shares)
-        return replace(self, weights=weights, sensitivity=measure(self.attributes, weights))
-
-    @property
-    def source_count(self) -> int:
-        """Gaussians of the source."""
-        return len(self.scene)
-
-    def judge(self, sight: Sight) -> Judge[GaussianScene]:
+    def judge(self, view_set: ViewSet) -> Judge[GaussianScene]:
         """Pictures of the source from views of a set, drawn now."""
-        views = judged_views(self.scene, self.options, self.survey.up, sight, len(self.scene))
-        return Judge.of(self.scene, gaussian_view, views, most_db(self.options.asked_db))
-
-    @property
-    def shows_layers(self) -> bool:
-        """Whether layers can be drawn."""
-        return True
+        views = judging_views(self.scene, self.options, self.survey.up, view_set, len(self.scene))
+        return Judge.of(self.scene, draw_gaussians, views, cap_db(self.options.asked_db))
 
     @cached_property
-    def looks(self) -> Looks:
+    def preview(self) -> PreviewJudge:
         """Small pictures of the source from everywhere, drawn when they are first wanted."""
-        return Looks.of(self.scene, self.options)
+        return PreviewJudge.of(self.scene, self.options)
 
-    def problem(self, quality: float) -> Problem:
-        """The problem of encoding at the lambda predicted to give `quality` dB, with its latent fitted."""
-        absence, lambda_ = self.sensitivity.absence, lambda_for(quality, len(self.scene), GAUSSIAN_LAMBDA_DB)
+    def prepare(self, quality: float) -> RdoInput:
+        """What is to be decided at the lambda predicted to give `quality` dB."""
+        absence, lambda_ = self.sensitivity.absence, predict_lambda(quality, len(self.scene), GAUSSIAN_LAMBDA_DB)
         share = CLASS_COLOUR_SHARE if self.scene.sh_degree else 0.0
-        ranked = ranked_with_colour(absence, self.sensitivity.colour, share, lambda_ * GAUSSIAN_BITS)
+        ranked = rank_with_colour(absence, self.sensitivity.colour, share, lambda_ * GAUSSIAN_BITS)
         every, count = classify(ranked, lambda_, GAUSSIAN_BITS, MOST_GAUSSIAN_CLASSES)
         kept = np.flatnonzero(every >= 0)
-        classes, seen, attributes = every[kept], self.sensitivity.take(kept), self.attributes.take(kept)
+        seen, attributes = self.sensitivity.take(kept), self.attributes.take(kept)
         placement = place(attributes.positions, wanted_step(seen, lambda_), self.options.tile_anchors)
-        channels = channels_of(attributes, seen, placement)
-        fixed = position_bits(classes, count)
-        return Problem(
-            geometry=self._geometry(attributes, placement),
-            channels=channels,
-            fitted=self._fitted(attributes, seen, classes, lambda_),
-            classes=Classes(
-                of=classes,
-                count=count,
-                importance=seen.absence,
-                standing=standing(attributes.positions, classes, log_extent(attributes)),
-                presence_bits=lambda _: fixed,
-            ),
-            budget=Budget(lambda_=lambda_, lost=float(absence[every < 0].sum()), base_share=GAUSSIAN_BASE_SHARE),
+        return gaussian_input(
+            attributes, seen, every[kept], count, placement, lambda_, len(self.scene), 1.0, self.scene.description
         )
 
-    def _geometry(self, attributes: Attributes, placement: Placement) -> Geometry:
-        return Geometry(
-            profile=schema.Profile.EXPLICIT,
-            slots=1,
-            sh_degree=self.scene.sh_degree,
-            source_count=len(self.scene),
-            positions=attributes.positions,
-            placement=placement,
-        )
+    def quantise(self, problem: RdoInput, allocation: Allocation) -> QuantisedScene:
+        """All integers of the file of an allocation."""
+        absence, largest = self.sensitivity.absence, self.weights.largest
+        left_out = classify(absence, problem.lambda_, GAUSSIAN_BITS, MOST_GAUSSIAN_CLASSES)[0] < 0
+        invisible = largest < INVISIBLE_WEIGHT
+        gone = int((left_out & invisible).sum()), int((left_out & ~invisible).sum())
+        scene = assemble_scene(problem, allocation, {})
+        plain = sum(int((~view_dependent(scene)[content.classes]).sum()) for content in scene.contents)
+        report = report_encoding(self.survey, gone, plain if self.scene.sh_degree else None)
+        said = self.scene.description.metadata()
+        return replace(scene, metadata={ENCODE_REPORT: report, **said, **self.options.metadata})
 
-    def _fitted(self, attributes: Attributes, seen: Sensitivity, classes: I64, lambda_: float) -> FittedLatent | None:
-        """The latent of view-dependent colour; None at degree 0."""
-        if not self.scene.sh_degree:
-            return None
-        weight = seen.colour * REST_SHARE
-        wanted = Wanted(vectors=attributes.rest, weight=weight, classes=classes, lambda_=lambda_)
-        return fit_latent(wanted, self.options, self.report)
-
-    def finish(self, problem: Problem, decision: Decision) -> Quantised:
-        """All integers of the file that `decision` says."""
-        lambda_, absence = problem.budget.lambda_, self.sensitivity.absence
-        left_out = classify(absence, lambda_, GAUSSIAN_BITS, MOST_GAUSSIAN_CLASSES)[0] < 0
-        told = account(self.survey, self.weights.largest, left_out, decision, self.scene.sh_degree > 0)
-        return assembled(problem, decision, {ACCOUNT: told, **self.options.metadata})
-
-    def finished(self, scene: QuantisedScene) -> GaussianScene:
+    def reconstruct(self, scene: QuantisedScene) -> GaussianScene:
         """The scene that a decoder makes of the last layer of a file."""
-        return finished_gaussians(scene)
+        return reconstruct_gaussians(scene)
+
+
+def gaussian_input(
+    attributes: Attributes,
+    seen: Sensitivity,
+    classes: I64,
+    count: int,
+    placement: Placement,
+    lambda_: float,
+    source_count: int,
+    repeat: float = 1.0,
+    description: Description = NOTHING_SAID,
+) -> RdoInput:
+    """What is to be decided about N Gaussians that are worth sending.
+
+    Args:
+        attributes, seen: of them.
+        classes: (N,) class of each, of `count`.
+        placement: their cells and tiles.
+        lambda_: of the last layer, squared picture error per bit.
+        source_count: Gaussians of the whole source.
+        repeat: how many Gaussians each stands for.
+        description: of the whole source.
+    """
+    fixed = repeat * position_bits(classes, count)
+    latent = fit_latent(attributes.rest, seen.colour * REST_SHARE, lambda_ * len(classes))
+    values, weights, coarsest = gaussian_channels(attributes, seen, placement, latent)
+    return RdoInput(
+        profile=schema.Profile.EXPLICIT,
+        slots=1,
+        sh_degree=attributes.sh_degree,
+        source_count=source_count,
+        positions=attributes.positions,
+        placement=placement,
+        values=values,
+        weights=weights,
+        coarsest=coarsest,
+        latent=latent,
+        classes=Classes(
+            of=classes,
+            count=count,
+            importance=seen.absence,
+            coverage_rank=rank_by_coverage(attributes.positions, classes, log_extent(attributes)),
+            presence_bits=lambda _: fixed,
+        ),
+        lambda_=lambda_,
+        base_share=GAUSSIAN_BASE_SHARE,
+        repeat=repeat,
+        description=description,
+    )
 
 
 def wanted_step(seen: Sensitivity, lambda_: float) -> F64:
@@ -163,14 +174,48 @@ def wanted_step(seen: Sensitivity, lambda_: float) -> F64:
     return best_width(seen.channels[Stream.POSITION_RESIDUAL][:, 0], lambda_)
 
 
-def channels_of(attributes: Attributes, seen: Sensitivity, placement: Placement) -> Channels:
-    """The channels of Gaussians that lie there."""
+def gaussian_channels(
+    attributes: Attributes, seen: Sensitivity, placement: Placement, latent: Latent | None
+) -> tuple[dict[Stream, F64], dict[Stream, F64], dict[Stream, tuple[float, ...]]]:
+    """Values, weights and coarsest steps of the channels of Gaussians that lie there, in coding order."""
+    values = {Stream.POSITION_RESIDUAL: placement.residual, **{s: attributes.channel(s) for s in _CHANNELS}}
     weights = {stream: SHAPE_SHARE.get(stream, 1.0) * s for stream, s in seen.channels.items()}
     weights[Stream.POSITION_RESIDUAL] = weights[Stream.POSITION_RESIDUAL] * (placement.cell**2)[:, None]
-    values = {Stream.POSITION_RESIDUAL: placement.residual, **{s: attributes.channel(s) for s in _CHANNELS}}
-    return Channels(values=values, weights=weights, coarsest=GAUSSIAN_COARSEST)
+    coarsest = dict(GAUSSIAN_COARSEST)
+    if latent is not None:
+        values[Stream.LATENT], weights[Stream.LATENT] = latent.values, latent.weight[:, None]
+        coarsest[Stream.LATENT] = (COARSEST_LATENT,) * latent.values.shape[1]
+    return values, weights, coarsest
 
 
 def log_extent(attributes: Attributes) -> F64:
     """(N,) logarithm of what a Gaussian covers: its face, the two longest axes, times its opacity."""
     return np.asarray(attributes.log_scales[:, :2].sum(axis=1) + attributes.log_opacity[:, 0])
+
+
+def view_dependent(scene: QuantisedScene) -> np.ndarray:
+    """(classes,) whether each class of an explicit file has any colour beyond degree 0."""
+    index, last = scene.model.channel_index(Stream.LATENT), scene.model.layers[-1]
+    return np.array([index is not None and steps[index] > 0 for steps in last.steps])
+
+
+def report_encoding(survey: SurveyViews, left_out: tuple[int, int], plain: int | None) -> dict[str, Any]:
+    """JSON-able member of METADATA: how the scene was looked at, and what of it is not in the file as it was.
+
+    Args:
+        survey: the views.
+        left_out: Gaussians that are invisible, and others that are too faint.
+        plain: Gaussians that lost their view-dependent colour; None where the source has none.
+    """
+    found: dict[str, Any] = {
+        "up": survey.up.up,
+        "up_detected": not survey.up.given,
+        "radius": float(f"{survey.radius:.3g}"),
+        "views": {kind: len(cameras) for kind, cameras in survey.views.items()},
+        "left_out": {"invisible": left_out[0], "faint": left_out[1]},
+    }
+    if survey.up.other is not None:
+        found["up_or"] = survey.up.other
+    if plain is not None:
+        found["without_view_dependence"] = plain
+    return found

@@ -1,16 +1,15 @@
-"""The interface between the pipeline and a profile (encoder side)."""
+"""The interface between the encoder and a profile."""
 
 from __future__ import annotations
 
 from typing import Protocol, TypeVar
 
-from reference_encoder.decide.assemble import Quantised
-from reference_encoder.decide.decision import Decision
-from reference_encoder.decide.problem import Problem
-from reference_encoder.judge.judge import Judge
-from reference_encoder.judge.looks import Looks
-from reference_encoder.judge.views import Sight
+from reference_encoder.judge.preview_quality import PreviewJudge
+from reference_encoder.judge.quality import Judge
+from reference_encoder.judge.views import ViewSet
 from reference_encoder.options import EncodeOptions
+from reference_encoder.rdo.allocation import Allocation
+from reference_encoder.rdo.rdo_input import RdoInput
 from scarfmt.coding.writer import QuantisedScene, Report
 
 S = TypeVar("S")
@@ -21,10 +20,8 @@ class Profile(Protocol[S]):
 
     Attributes:
         options: of the encoder.
-        report: told (stage, fraction done).
-        source_count: Gaussians or anchors of the source.
-        shows_layers: whether layers can be drawn, and what they hold decided by that.
-        looks: pictures of the source to judge layers by; None where they cannot be drawn.
+        report: receives (stage, fraction done).
+        preview: pictures of the source to judge layers by; None where they cannot be drawn.
     """
 
     @property
@@ -32,24 +29,20 @@ class Profile(Protocol[S]):
     @property
     def report(self) -> Report: ...
     @property
-    def source_count(self) -> int: ...
-    @property
-    def shows_layers(self) -> bool: ...
-    @property
-    def looks(self) -> Looks | None: ...
+    def preview(self) -> PreviewJudge | None: ...
 
-    def judge(self, sight: Sight) -> Judge[S]:
+    def judge(self, view_set: ViewSet) -> Judge[S]:
         """Pictures of the source to judge results by, drawn now."""
         ...
 
-    def problem(self, quality: float) -> Problem:
-        """The problem of encoding at the lambda predicted to give `quality` dB."""
+    def prepare(self, quality: float) -> RdoInput:
+        """What is to be decided at the lambda predicted to give `quality` dB."""
         ...
 
-    def finish(self, problem: Problem, decision: Decision) -> Quantised:
-        """All integers of the file that `decision` says."""
+    def quantise(self, problem: RdoInput, allocation: Allocation) -> QuantisedScene:
+        """All integers of the file of an allocation."""
         ...
 
-    def finished(self, scene: QuantisedScene) -> S:
+    def reconstruct(self, scene: QuantisedScene) -> S:
         """The scene that a decoder makes of the last layer of a file, for drawing."""
         ...

@@ -1,6 +1,7 @@
 """Photos with their cameras, read and checked: what training learns from (:func:`load_capture`).
 
-All that can be wrong with a capture is found here, before anything slow begins.
+All that can be wrong with a capture is found here, before anything slow begins. Where a capture has no points to start
+from, :func:`draw_points` draws some at random where its cameras look.
 """
 
 from __future__ import annotations
@@ -15,18 +16,68 @@ from pathlib import Path
 
 import numpy as np
 
-from reference_encoder.training.area import area_filtered
 from reference_encoder.training.options import HOLD_OUT, LEAST_RESOLUTION
-from reference_encoder.training.pictures import bare_photos, black, named, photo_files, wrong_capture
-from reference_encoder.training.poses import posed, undistorted
-from reference_encoder.training.start import drawn_points
+from reference_encoder.training.photo_files import (
+    bare_photos,
+    black,
+    filter_areas,
+    list_names,
+    photo_files,
+    wrong_capture,
+)
+from reference_encoder.training.poses import pose_photos, undistort_photos
 from scarfmt.arrays import F64, U8
 from scarfmt.coding.writer import Report, silent
 from scarfmt.errors import InputWarning, InvalidInput
-from scarfmt.render.camera import Camera
+from scarfmt.render.camera import Camera, in_view
 from scarfmt.render.capture import load_cameras, load_distorted, load_points
 from scarfmt.render.capture.points import Points
 from scarfmt.render.images import read_pixels
+
+DRAWN = 20_000
+_CANDIDATES = 8 * DRAWN
+_SEEN_BY = 1 / 3
+"""Least share of the cameras that must see a point of the start: the photos do not show what fewer cameras see."""
+_GREY = 128
+_RIDGE = 1e-3
+"""Share of the number of cameras that keeps the focus near the eyes if all of them look the same way."""
+
+
+def draw_points(cameras: Sequence[Camera]) -> Points:
+    """Up to 20,000 grey points, uniform in the part of a ball that a third of the cameras have in their pictures.
+
+    The ball is round the place nearest to all optical axes, and reaches as far as the cameras are from it.
+
+    Args:
+        cameras: at least one. The same cameras give the same points.
+    """
+    eyes = np.array([camera.centre for camera in cameras])
+    forward = np.array([camera.world_to_camera[2, :3] for camera in cameras])
+    focus = _focus(eyes, forward)
+    radius = float(np.median(np.linalg.norm(eyes - focus, axis=1))) or 1.0
+    random = np.random.default_rng(0)
+    directions = random.normal(size=(_CANDIDATES, 3))
+    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+    candidates = focus + radius * np.cbrt(random.random((_CANDIDATES, 1))) * directions
+    seen = np.mean([in_view(candidates, camera) for camera in cameras], axis=0)
+    enough = seen >= min(_SEEN_BY, float(seen.max()))
+    chosen = candidates[enough][:DRAWN]
+    return Points(chosen, np.full((len(chosen), 3), _GREY, np.uint8))
+
+
+def _focus(eyes: F64, forward: F64) -> F64:
+    """(3,) float64: the place with the least sum of squared distances to all optical axes.
+
+    Where the axes are about parallel it is in front of the cameras, as far as they are spread.
+    """
+    across = np.eye(3) - forward[:, :, None] * forward[:, None, :]
+    spread = float(np.linalg.norm(eyes - eyes.mean(axis=0), axis=1).max()) or 1.0
+    guess = (eyes + spread * forward).mean(axis=0)
+    ridge = _RIDGE * len(eyes) * np.eye(3)
+    wanted = (across @ eyes[:, :, None])[..., 0].sum(axis=0) + ridge @ guess
+    focus: F64 = np.linalg.solve(across.sum(axis=0) + ridge, wanted)
+    return focus
+
 
 FEWEST_PHOTOS = 2
 
@@ -71,14 +122,14 @@ class Capture:
     @cached_property
     def digest(self) -> str:
         """A hash of names, cameras, splits, file sizes and points: two captures that differ in any differ in it."""
-        found = hashlib.sha256()
+        total = hashlib.sha256()
         for photo in self.photos:
             camera = photo.camera
             lens = (camera.width, camera.height, camera.fx, camera.fy, camera.cx, camera.cy)
-            found.update(repr((camera.name, camera.split, lens, photo.path.stat().st_size)).encode())
-            found.update(np.ascontiguousarray(camera.world_to_camera).tobytes())
-        found.update(np.ascontiguousarray(self.points).tobytes() + np.ascontiguousarray(self.colours).tobytes())
-        return found.hexdigest()
+            total.update(repr((camera.name, camera.split, lens, photo.path.stat().st_size)).encode())
+            total.update(np.ascontiguousarray(camera.world_to_camera).tobytes())
+        total.update(np.ascontiguousarray(self.points).tobytes() + np.ascontiguousarray(self.colours).tobytes())
+        return total.hexdigest()
 
 
 def load_capture(
@@ -97,7 +148,7 @@ def load_capture(
         hold_out: every so manieth photo is for tests, unless the file says which are; 0 for none at all.
         workspace: folder for photos made anew because their lens distorts or their poses were found; it has to stay as
             long as the capture is used, and is read again instead of working again.
-        report: told (stage, part done).
+        report: called with (stage, part done).
 
     Raises:
         InvalidInput: ``input-cameras``, ``input-corrupt``: poses or points cannot be read; ``input-image``: a photo
@@ -118,7 +169,7 @@ def load_capture(
     if points is None or not len(points.positions):
         message = f"{path}: has no points to start from: some are drawn at random where the cameras look"
         warnings.warn(message, InputWarning, stacklevel=2)
-        points = drawn_points([photo.camera for photo in sized])
+        points = draw_points([photo.camera for photo in sized])
     return Capture(sized, points.positions, points.colours)
 
 
@@ -129,7 +180,7 @@ def pixels(photo: Photo) -> U8:
         InvalidInput: ``input-image``.
         OSError: it cannot be read.
     """
-    return area_filtered(read_pixels(photo.path), photo.camera.width, photo.camera.height)
+    return filter_areas(read_pixels(photo.path), photo.camera.width, photo.camera.height)
 
 
 def _check(resolution: int | None, hold_out: int) -> None:
@@ -158,7 +209,7 @@ def _listed(path: Path, workspace: Path | None, report: Report) -> tuple[list[Ph
     shown = [files[index] for index in lit]
     if not distorted:
         return [Photo(cameras[index], file) for index, file in zip(lit, shown, strict=True)], points
-    made = undistorted(path, [distorted[index] for index in lit], shown, workspace, report)
+    made = undistort_photos(path, [distorted[index] for index in lit], shown, workspace, report)
     return [Photo(camera, file) for camera, file in made], points
 
 
@@ -167,10 +218,10 @@ def _posed(path: Path, workspace: Path | None, report: Report) -> tuple[list[Pho
     files = bare_photos(path)
     _check_number(path, len(files))
     lit = [files[index] for index in _lit(path, [file.name for file in files], files)]
-    made, points = posed(path, lit, workspace, report)
+    made, points = pose_photos(path, lit, workspace, report)
     gone = sorted({file.name for file in lit} - {camera.name for camera, _ in made})
     if gone:
-        warnings.warn(f"{path}: left out {named(gone)}: no pose was found", InputWarning, stacklevel=3)
+        warnings.warn(f"{path}: left out {list_names(gone)}: no pose was found", InputWarning, stacklevel=3)
     return [Photo(camera, file) for camera, file in made], points
 
 
@@ -183,7 +234,7 @@ def _lit(path: Path, names: Sequence[str], files: Sequence[Path]) -> list[int]:
         raise wrong_capture(path, message)
     if len(lit) < len(files):
         gone = [name for name, nothing in zip(names, dark, strict=True) if nothing]
-        warnings.warn(f"{path}: left out {named(gone)}: black all over", InputWarning, stacklevel=4)
+        warnings.warn(f"{path}: left out {list_names(gone)}: black all over", InputWarning, stacklevel=4)
     return lit
 
 

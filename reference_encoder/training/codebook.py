@@ -7,10 +7,14 @@ restarts at a vector of the batch, as in SoundStream. On CUDA sums are reproduci
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
+import numpy as np
 import torch
 from torch import nn
 
 from reference_encoder.tuning import KMEANS_ROUNDS, LEARNED_DECAY, LEARNED_STALE_SHARE
+from scarfmt.arrays import F32, I16, I64
 
 _CHUNK = 8192
 """Vectors whose distances to all codewords are held at a time."""
@@ -22,17 +26,14 @@ class Codebook(nn.Module):
     Attributes:
         words: the codewords; without gradient until the quantiser opens its books.
         mass: (n,) float32 moving average of uses, in units of the mean use.
-        restarts: int64 scalar, codewords restarted so far.
     """
 
     mass: torch.Tensor
-    restarts: torch.Tensor
 
     def __init__(self, codewords: int, dimension: int) -> None:
         super().__init__()
         self.words = nn.Parameter(torch.zeros(codewords, dimension), requires_grad=False)
         self.register_buffer("mass", torch.ones(codewords))
-        self.register_buffer("restarts", torch.zeros((), dtype=torch.int64))
 
     def __len__(self) -> int:
         return len(self.words)
@@ -43,19 +44,13 @@ class Codebook(nn.Module):
 
         Args:
             x: (m, d) float32.
-            prices: (n,) or (m, n) what each code costs, in squared units of x; None for nothing.
+            prices: (n,) what each code costs, in squared units of x; None for nothing.
         """
         half = self.words.square().sum(1) / 2
-        one_price = prices is not None and prices.ndim == 1
-        if prices is not None and one_price:
+        if prices is not None:
             half = half + prices / 2
-        parts = []
-        for first in range(0, max(len(x), 1), _CHUNK):
-            scores = torch.addmm(half, x[first : first + _CHUNK], self.words.T, alpha=-1)
-            if prices is not None and not one_price:
-                scores += prices[first : first + _CHUNK] / 2
-            parts.append(scores.argmin(1))
-        return torch.cat(parts)
+        parts = torch.split(x, _CHUNK)
+        return torch.cat([torch.addmm(half, part, self.words.T, alpha=-1).argmin(1) for part in parts])
 
     @torch.no_grad()
     def fit(self, x: torch.Tensor, weight: torch.Tensor, generator: torch.Generator, fresh: bool = True) -> None:
@@ -108,11 +103,8 @@ class Codebook(nn.Module):
             self.words[stale] = x[drawn]
             # As if it had been used like others: it has a while to find vectors of its own.
             self.mass[stale] = 1.0
-            self.restarts.add_(count)
 
-    def _sums(
-        self, x: torch.Tensor, weight: torch.Tensor, codes: torch.Tensor
-    ) -> tuple[torch.Tensor, torch.Tensor]:
+    def _sums(self, x: torch.Tensor, weight: torch.Tensor, codes: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
         """(n,) sums of (m,) `weight` and (n, d) sums of (m, d) `x` over the vectors of each code."""
         mass = torch.zeros_like(self.mass).index_add_(0, codes, weight)
         return mass, torch.zeros_like(self.words).index_add_(0, codes, x)
@@ -124,3 +116,31 @@ def _drawn(chances: torch.Tensor, count: int, generator: torch.Generator) -> tor
     if not possible:
         return torch.zeros(0, dtype=torch.int64, device=chances.device)
     return torch.multinomial(chances.double().cpu(), possible, generator=generator).to(chances.device)
+
+
+def rank_codewords(books: Sequence[F32], indices: I64, received: I64, dimension: int) -> tuple[I64, I64, I16]:
+    """Both books without unused codewords, numbered by falling use; and the (N, M) indices.
+
+    Args:
+        books: coarse and residual, as far as there are stages: (n, d) whole numbers.
+        indices: (N, M) codes of all stages.
+        received: (N,) stages that count; the indices of others become 0.
+        dimension: d.
+    """
+    ranked: list[I64] = []
+    out = np.zeros(indices.shape, np.int16)
+    for number, book in enumerate(books):
+        stages = range(1) if number == 0 else range(1, indices.shape[1])
+        sent = {stage: np.flatnonzero(received > stage) for stage in stages}
+        used = sum(
+            (np.bincount(indices[sent[s], s], minlength=len(book)) for s in stages), np.zeros(len(book), np.int64)
+        )
+        order = np.argsort(-used, kind="stable")[: max(int((used > 0).sum()), 1)]
+        rank = np.zeros(len(book), np.int16)
+        rank[order] = np.arange(len(order), dtype=np.int16)
+        for stage in stages:
+            out[sent[stage], stage] = rank[indices[sent[stage], stage]]
+        ranked.append(book[order].astype(np.int64))
+    empty = np.zeros((0, dimension), np.int64)
+    coarse, residual = [*ranked, empty, empty][:2]
+    return coarse, residual, out

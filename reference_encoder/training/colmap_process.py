@@ -2,7 +2,7 @@
 
 FOLDER holds photos in `input/`. ACTION ``poses`` finds their poses; it reads pairs of photos that look alike from
 `pairs.txt`. ACTION ``undistort`` reads poses and lenses from `model/`. Both leave `images/` and `sparse/` in FOLDER, of
-pinhole cameras. Photos are made anew only if a lens distorts: made anew they are blurred. Progress is JSON on standard
+pinhole cameras. Photos are made anew only if a lens distorts: made anew they are blur. Progress is JSON on standard
 output, ``{"stage": ..., "part": 0..1}``; an error's last line says why.
 """
 
@@ -42,7 +42,7 @@ def main(arguments: list[str]) -> int:
         return 1
     _tell("undistort the photos", 0.95)
     lenses = pycolmap.Reconstruction(folder / MODEL)
-    straight = straightened(lenses)
+    straight = fit_pinholes(lenses)
     if straight is None:
         pycolmap.undistort_images(folder, folder / MODEL, folder / INPUT, jpeg_quality=JPEG_QUALITY)
     else:
@@ -52,7 +52,7 @@ def main(arguments: list[str]) -> int:
     return 0
 
 
-def straightened(lenses: pycolmap.Reconstruction) -> pycolmap.Reconstruction | None:
+def fit_pinholes(lenses: pycolmap.Reconstruction) -> pycolmap.Reconstruction | None:
     """The model with pinhole cameras, their poses fitted anew if there are points; None if lenses distort."""
     distorts = any(not distortion(camera) <= STRAIGHT for camera in lenses.cameras.values())
     if distorts and not lenses.num_points3D():

@@ -32,13 +32,26 @@ def run_device(name: str) -> torch.device:
     return torch.device(name)
 
 
+def thread_count() -> int:
+    """Threads of a run that begins: `OMP_NUM_THREADS`, else the processors that this process may use.
+
+    Not what torch says: numba's parallel loops change that number, because both share one OpenMP.
+    """
+    said = os.environ.get("OMP_NUM_THREADS", "")
+    if said.isdecimal() and int(said):
+        return int(said)
+    affinity = getattr(os, "sched_getaffinity", None)  # not on all systems
+    return len(affinity(0)) if affinity else os.cpu_count() or 1
+
+
 @contextmanager
 def reproducible(device: torch.device) -> Iterator[None]:
     """While it lasts, torch computes the same bits from the same numbers, or raises RuntimeError where it cannot.
 
     Sums over indices would otherwise be by atomics, in any order: on CUDA, and on the processor those of many values.
+    Bits of small products depend on the number of threads, which a run sets and keeps.
     """
-    before = torch.get_deterministic_debug_mode()
+    before, threads = torch.get_deterministic_debug_mode(), torch.get_num_threads()
     filled = deterministic.fill_uninitialized_memory  # type: ignore[attr-defined]
     if device.type != "cpu":
         # Some versions of torch refuse to multiply matrices without it; cuBLAS reads it once.
@@ -49,6 +62,7 @@ def reproducible(device: torch.device) -> Iterator[None]:
     try:
         yield
     finally:
+        torch.set_num_threads(threads)
         torch.set_deterministic_debug_mode(before)
         deterministic.fill_uninitialized_memory = filled  # type: ignore[attr-defined]
 

@@ -2,34 +2,35 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
+from itertools import starmap
+from statistics import fmean
 
 import torch
 from torch import Tensor
 
-from reference_encoder.training.expand import expanded, in_view
+from reference_encoder.training.neural_gaussians import expand, in_view
 from reference_encoder.training.raster import rasterise
-from reference_encoder.training.similarity import Target, psnr, ssim
+from reference_encoder.training.similarity import View, psnr, ssim
 from reference_encoder.training.state import WEIGHT_BITS, State
 from scarfmt.render.camera import Camera
 
-Views = Sequence[tuple[Camera, Target]]
-
 
 @torch.no_grad()
-def drawn(state: State, camera: Camera, layer: int | None, background: Tensor) -> Tensor:
+def draw(state: State, camera: Camera, layer: int | None, background: Tensor) -> Tensor:
     """(H, W, 3) picture of a layer, 0-based, as the file has it; None for values as they are."""
     a = state.anchors
     rows = in_view(state.frame.world(a.lattice), a.scaling, a.offsets, camera)
     values = state.exact(rows) if layer is None else state.of_layer(rows, layer, None)
-    made = expanded(values, state.networks, torch.from_numpy(camera.centre), None if layer is None else WEIGHT_BITS)
-    return rasterise(made.gaussians, camera, background).image
+    bits = None if layer is None else WEIGHT_BITS
+    gaussians, _, _ = expand(values, state.networks, torch.from_numpy(camera.centre), bits)
+    return rasterise(gaussians, camera, background).image
 
 
-def quality(state: State, views: Views, layer: int | None, background: Tensor) -> tuple[float, float]:
-    """Mean PSNR (dB) and SSIM over some views, NaN without any; `layer` as for :func:`drawn`."""
-    pictures = [(drawn(state, camera, layer, background), target) for camera, target in views]
+def quality(state: State, views: Sequence[View], layer: int | None, background: Tensor) -> tuple[float, float]:
+    """Mean PSNR (dB) and SSIM over some views, NaN without any; `layer` as for :func:`draw`."""
+    pictures = [(draw(state, camera, layer, background), target) for camera, target in views]
     if not pictures:
-        return float("nan"), float("nan")
-    each = [(psnr(picture, target), ssim(picture, target)) for picture, target in pictures]
-    return sum(one[0] for one in each) / len(each), sum(one[1] for one in each) / len(each)
+        return math.nan, math.nan
+    return fmean(starmap(psnr, pictures)), fmean(starmap(ssim, pictures))

@@ -2,18 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import torch
 from torch import Tensor
 
-from reference_encoder.training.curriculum import Moment
-from reference_encoder.training.expand import Values, expanded, in_view
+from reference_encoder.training.neural_gaussians import expand, in_view
+from reference_encoder.training.presets import Moment
 from reference_encoder.training.raster import Picture, rasterise
-from reference_encoder.training.rate import Rate, rate
-from reference_encoder.training.similarity import Target, dissimilarity
+from reference_encoder.training.rate import layer_bits
+from reference_encoder.training.similarity import View, dissimilarity
 from reference_encoder.training.state import WEIGHT_BITS, State
-from scarfmt.render.camera import Camera
 
 _VOLUME_WEIGHT = 0.01
 """Weight of the mean volume of Gaussians in the loss (Scaffold-GS §3.4)."""
@@ -22,86 +19,55 @@ _RATE_PART = 8
 _FADE = 0.998
 
 
-@dataclass(frozen=True)
-class Mode:
-    """The mode of an iteration.
+def iterate(
+    state: State, view: View, now: Moment, layer: int, price: float, camera_jitter: float, background: Tensor
+) -> tuple[float, float | None]:
+    """Find gradients for one photo; the step is the caller's.
 
-    Attributes:
-        layer: 0-based.
+    Args:
+        view: the photo.
         now: what is on.
-        counts: what growth is decided by is counted.
+        layer: 0-based.
         price: loss a bit; 0 while rate does not count.
-        ssim_share: of 1 - SSIM in what a picture lacks.
-        wander: standard deviation, world units, of the place from where networks look about that of the camera.
+        camera_jitter: standard deviation, world units, of the place from where networks look about that of the camera.
+        background: (3,) colour behind everything.
+
+    Returns:
+        The loss without rate, and the estimated bits of the whole layer, None while rate does not count.
     """
-
-    layer: int
-    now: Moment
-    counts: bool
-    price: float
-    ssim_share: float
-    wander: float = 0.0
-
-
-@dataclass(frozen=True)
-class Outcome:
-    """The outcome of an iteration.
-
-    Attributes:
-        loss: without rate.
-        gaussians: drawn from.
-        bits: estimate for the whole layer, None while rate does not count.
-    """
-
-    loss: float
-    gaussians: int
-    bits: float | None
-
-
-def _values(state: State, rows: Tensor, mode: Mode) -> Values:
-    """Values of anchors `rows` in an iteration."""
-    if not (mode.now.noisy or mode.now.rounded):
-        return state.exact(rows)
-    return state.of_layer(rows, mode.layer, mode.now)
-
-
-def iterate(state: State, camera: Camera, target: Target, mode: Mode, background: Tensor) -> Outcome:
-    """Find gradients for one photo; the step is the caller's."""
+    camera, target = view
     anchors = state.anchors
     rows = in_view(state.frame.world(anchors.lattice), anchors.scaling, anchors.offsets, camera)
-    bits_a_weight = WEIGHT_BITS if mode.now.rounded else None
+    bits_a_weight = WEIGHT_BITS if now.rounded else None
     eye = torch.from_numpy(camera.centre)
-    if mode.wander:
-        eye = eye + mode.wander * torch.randn(3, generator=state.generator, dtype=torch.float64)
-    made = expanded(_values(state, rows, mode), state.networks, eye, bits_a_weight)
-    picture = rasterise(made.gaussians, camera, background)
-    loss = dissimilarity(picture.image, target, mode.ssim_share)
-    total = loss + _VOLUME_WEIGHT * made.gaussians.scales.prod(dim=1).mean()
+    if camera_jitter:
+        eye = eye + camera_jitter * torch.randn(3, generator=state.generator, dtype=torch.float64)
+    values = state.of_layer(rows, layer, now) if now.noisy or now.rounded else state.exact(rows)
+    gaussians, owners, slots = expand(values, state.networks, eye, bits_a_weight)
+    picture = rasterise(gaussians, camera, background)
+    loss = dissimilarity(picture.image, target)
+    total = loss + _VOLUME_WEIGHT * gaussians.scales.prod(dim=1).mean()
     if state.vectors is not None and state.vectors.loss is not None:
         total = total + state.vectors.loss
     bits = None
-    if mode.price > 0:
+    if price > 0:
         drawn = torch.randperm(len(anchors), generator=state.noise, device=state.device)
         part = drawn[: max(1, len(anchors) // _RATE_PART)]
-        whole = priced(state, part, mode).total * (len(anchors) / len(part))
-        total = total + mode.price * whole
+        index_bits = 0.0 if state.vectors is None else state.vectors.index_bits(layer)
+        part_bits = layer_bits(state.context, state.priced(part, layer, now.rounded), index_bits)
+        whole = part_bits * (len(anchors) / len(part))
+        total = total + price * whole
         bits = float(whole.detach())
     total.backward()  # type: ignore[no-untyped-call]
-    _count(state, rows, made.rows, made.slots, picture, made.gaussians.opacities.detach(), mode)
-    return Outcome(float(loss.detach()), len(made.rows), bits)
-
-
-def priced(state: State, rows: Tensor, mode: Mode) -> Rate:
-    """Bits of anchors `rows` in the layer of an iteration."""
-    index_bits = 0.0 if state.vectors is None else state.vectors.index_bits(mode.layer)
-    return rate(state.context, state.priced(rows, mode.layer, mode.now.rounded), index_bits)
+    if now.gathers and layer == state.plan.count - 1:
+        _count(state, rows, owners, slots, picture, gaussians.opacities.detach())
+    return float(loss.detach()), bits
 
 
 @torch.no_grad()
-def _count(
-    state: State, visible: Tensor, rows: Tensor, slots: Tensor, picture: Picture, opacities: Tensor, mode: Mode
-) -> None:
-    if not mode.counts or picture.means.grad is None:
+def _count(state: State, visible: Tensor, rows: Tensor, slots: Tensor, picture: Picture, opacities: Tensor) -> None:
+    """Count what growth is decided by."""
+    if picture.means.grad is None:
         return
     height, width, _ = picture.image.shape
     halves = picture.means.new_tensor([width / 2, height / 2])

@@ -1,4 +1,4 @@
-"""The layers of a trained file, and how fine each is (paper §3.7). `masks` decides which slots each layer shows.
+"""The layers of a trained file, and how fine each is (paper §3.7); `slot_importance` decides which slots each shows.
 
 Training draws one layer an iteration, with that layer's slots and steps, so that every prefix of the file is a picture
 of its own and not the rest of another one.

@@ -25,14 +25,14 @@ from typing import IO
 import numpy as np
 from PIL import Image
 
-from reference_encoder.training.pictures import size_of, wrong_capture
+from reference_encoder.training.photo_files import size_of, wrong_capture
 from scarfmt.arrays import F64
 from scarfmt.coding.writer import Report
 from scarfmt.errors import InvalidInput
 from scarfmt.render.camera import Camera
 from scarfmt.render.capture import load_cameras, load_points
-from scarfmt.render.capture.distorted import Distorted
 from scarfmt.render.capture.points import Points
+from scarfmt.render.capture.record import Distorted
 from scarfmt.scene.rotation import quaternion_from_matrix
 
 UNDISTORTED = "undistorted"
@@ -50,7 +50,7 @@ Made = list[tuple[Camera, Path]]
 """Cameras and the photos that were made for them."""
 
 
-def undistorted(
+def undistort_photos(
     path: Path, views: Sequence[Distorted], files: Sequence[Path], workspace: Path | None, report: Report
 ) -> Made:
     """The photos as pinhole cameras would have taken them, with these cameras.
@@ -60,7 +60,7 @@ def undistorted(
         views: the photos' lenses and poses.
         files: the photos.
         workspace: folder for what is made, which is made once.
-        report: told (stage, part done).
+        report: called with (stage, part done).
 
     Raises:
         InvalidInput: ``input-dependency``, ``input-capture``; ``input-options``: there is no workspace.
@@ -79,10 +79,10 @@ def undistorted(
     ]
 
 
-def posed(path: Path, files: Sequence[Path], workspace: Path | None, report: Report) -> tuple[Made, Points]:
+def pose_photos(path: Path, files: Sequence[Path], workspace: Path | None, report: Report) -> tuple[Made, Points]:
     """The photos with their poses, as pinhole cameras would have taken them, and points on what they show.
 
-    Arguments and errors are those of :func:`undistorted`; photos whose pose is not found are missing in what is given.
+    Arguments and errors are those of :func:`undistort_photos`; photos whose pose is not found are left out.
     """
     place = _workplace(path, "there are photos but no poses; to find these", workspace)
 
@@ -93,9 +93,9 @@ def posed(path: Path, files: Sequence[Path], workspace: Path | None, report: Rep
         names = _staged(folder, files, [f"{kinds.index(size)}/" for size in sizes])
         (folder / PAIRS).write_text(_pairs_alike(files, names))
         _run("poses", folder, path, report)
-        found = len(load_cameras(folder))
-        if found < max(2, _LEAST_PART * len(files)):
-            message = f"poses were found for {found} of {len(files)} photos only; more photos have to overlap more"
+        count = len(load_cameras(folder))
+        if count < max(2, _LEAST_PART * len(files)):
+            message = f"poses were found for {count} of {len(files)} photos only; more photos have to overlap more"
             raise wrong_capture(path, message)
 
     folder = _once(place, _source(files, "poses"), make)
@@ -233,8 +233,8 @@ def _run(action: str, folder: Path, path: Path, report: Report) -> None:
             try:
                 for line in process.stdout:
                     if line.startswith("{"):
-                        said = json.loads(line)
-                        report(said["stage"], said["part"])
+                        progress = json.loads(line)
+                        report(progress["stage"], progress["part"])
                 process.wait()
             finally:
                 process.kill()

@@ -6,49 +6,54 @@ then they are opened: gradients of pictures, and nothing else, move them.
 
     quantiser.fit(f, weight)                  projector and decoder, once, when quantisation begins
     quantiser.start(quantiser.project(f), weight)   books
-    each step: made = quantiser(f[batch]);  made.loss.backward();  optimiser.step();
-               quantiser.update(made.encoded, made.indices)
+    each step: z = quantiser.project(f);  indices = quantiser.choose(z.detach(), quantiser.bits(), lambda_)
+               features, loss = quantiser(f, z, indices, stages);  loss.backward();  optimiser.step()
+               quantiser.update(z.detach(), indices)
     last phase: quantiser.open_books()
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 
 import torch
 from torch import nn
 from torch.nn.functional import embedding, l1_loss, mse_loss
 
-from reference_encoder.latent.gradient import ESTIMATORS
 from reference_encoder.training.codebook import Codebook
 from reference_encoder.tuning import LEARNED_DECAY, RVQ_PRIOR_USES
-from scarfmt.errors import InvalidInput
-from scarfmt.scene.codebooks import MAX_CODEWORDS, MAX_LATENT
-from scarfmt.scene.model import MAX_STAGES
 
-PROJECTORS = ("linear", "paper")
+_COMMITMENT = 0.25
+"""Weight of the commitment loss, the paper's beta times lambda_commit."""
 _WARM_STEPS, _WARM_BATCH, _WARM_RATE = 300, 4096, 3e-3
+_SHORTEST = 1e-12
+"""Below this length a direction is rounding noise."""
 
 
-@dataclass(frozen=True)
-class Quantised:
-    """The quantiser's result for n features.
+def rotation_trick(e: torch.Tensor, q: torch.Tensor) -> torch.Tensor:
+    """q, as |q| / |e| * R e with the ratio and the rotation R, which turns e towards q, constant in backpropagation.
 
-    Attributes:
-        encoded: (n, d) float32 outputs of the projector, without gradient.
-        latent: (n, d) float32 sums of codewords, with the estimator's gradient to the projector.
-        features: (n, D) float32 decoded from them.
-        indices: (n, M) int64 of all stages.
-        loss: L1(f, f_q) + commitment * |z_e - sg(e)|^2 (paper §3.5), scalar. The first f has no gradient: given
-            detached features, the loss reaches only projector, decoder and open books.
+    Fifty et al., "Restructuring Vector Quantization with the Rotation Trick" (ICLR 2025); paper §3.3. The
+    angle between the gradient at q and q itself is the angle between the gradient at e and e. R is a
+    product of two reflections, R = I - 2 r r^T + 2 q^ e^T with r the direction halfway between the unit
+    vectors e^ and q^; where they are opposite there is no such direction and R is one reflection.
+    Rows where e or q is zero have no rotation and go straight through.
+
+    Args:
+        e: (n, d) encoder output.
+        q: (n, d) its quantised value.
     """
-
-    encoded: torch.Tensor
-    latent: torch.Tensor
-    features: torch.Tensor
-    indices: torch.Tensor
-    loss: torch.Tensor
+    with torch.no_grad():
+        e_length, q_length = e.norm(dim=1, keepdim=True), q.norm(dim=1, keepdim=True)
+        turns = (e_length > _SHORTEST) & (q_length > _SHORTEST)
+        ratio = q_length / e_length.clamp_min(_SHORTEST)
+        e_unit, q_unit = e / e_length.clamp_min(_SHORTEST), q / q_length.clamp_min(_SHORTEST)
+        halfway = torch.nn.functional.normalize(e_unit + q_unit, dim=1, eps=1e-6)
+    reflected = e - 2 * halfway * (halfway * e).sum(1, keepdim=True)
+    turned = ratio * (reflected + 2 * q_unit * (e_unit * e).sum(1, keepdim=True))
+    estimate = torch.where(turns, turned, e)
+    # Equal to q up to rounding already; the correction makes it exact and has no gradient.
+    return estimate + (q - estimate).detach()
 
 
 class Quantiser(nn.Module):
@@ -59,14 +64,9 @@ class Quantiser(nn.Module):
         features: D.
         stages: M, 1..8.
         codewords: of either book, 2..4096, codeword 0 being the zero vector.
-        estimator: gradient through the quantiser, "rotation" or "straight-through" (paper §3.3).
-        projector: "linear", with a linear decoder: what measures best (decision 0005); "paper": a hidden layer on
-            both sides, and LayerNorm after the projector (paper §3.6).
-        commitment: weight of the commitment loss, the paper's beta times lambda_commit.
+        linear: a linear projector and decoder, which measure best (decision 0005); else a hidden layer on both sides,
+            and LayerNorm after the projector (paper §3.6).
         seed: of everything random.
-
-    Raises:
-        InvalidInput: ``input-options`` for numbers out of range or unknown names.
     """
 
     uses: torch.Tensor
@@ -78,16 +78,11 @@ class Quantiser(nn.Module):
         stages: int = 4,
         codewords: int = 1024,
         *,
-        estimator: str = "rotation",
-        projector: str = "linear",
-        commitment: float = 0.25,
+        linear: bool = True,
         seed: int = 0,
     ) -> None:
         super().__init__()
-        _check(dimension, features, stages, codewords, estimator, projector)
-        self.stages, self.codewords, self.commitment = stages, codewords, commitment
-        self.linear = projector == "linear"
-        self._estimate = ESTIMATORS[estimator]
+        self.stages, self.codewords, self.linear = stages, codewords, linear
         # Layers draw their first weights from torch's global generator.
         with torch.random.fork_rng(devices=[]):
             torch.manual_seed(seed)
@@ -107,9 +102,9 @@ class Quantiser(nn.Module):
 
     def book(self, stage: int) -> Codebook:
         """The codebook of a stage, 0-based."""
-        found = self.books[min(stage, 1)]
-        assert isinstance(found, Codebook)
-        return found
+        book = self.books[min(stage, 1)]
+        assert isinstance(book, Codebook)
+        return book
 
     def network_parameters(self) -> Iterator[nn.Parameter]:
         """The parameters of projector and decoder, for the optimiser of the VQ loss."""
@@ -124,11 +119,6 @@ class Quantiser(nn.Module):
         """From now on gradients move the codewords, not moving averages, and none restarts."""
         self._open = True
         self.books.requires_grad_(True)
-
-    @property
-    def restarts(self) -> int:
-        """How often codewords have restarted."""
-        return sum(int(self.book(number).restarts) for number in range(len(self.books)))
 
     def project(self, f: torch.Tensor) -> torch.Tensor:
         """(n, d) latents of (n, D) features."""
@@ -195,62 +185,51 @@ class Quantiser(nn.Module):
         self.uses.copy_(self._frequencies(indices))
 
     @torch.no_grad()
-    def choose(
-        self, z: torch.Tensor, bits: torch.Tensor | None = None, lambda_: float | torch.Tensor = 0.0
-    ) -> torch.Tensor:
+    def choose(self, z: torch.Tensor, bits: torch.Tensor | None = None, lambda_: float = 0.0) -> torch.Tensor:
         """(n, M) int64 indices of least |z - e|^2 + lambda * bits, stage after stage.
 
         Args:
             z: (n, d) float32.
             bits: (M, codewords) price of each code, None for nothing.
-            lambda_: squared units of z a bit, one or (n,).
+            lambda_: squared units of z a bit.
         """
         left, out = z.detach(), []
         for stage in range(self.stages):
-            prices = None
-            if bits is not None:
-                scale = lambda_[:, None] if isinstance(lambda_, torch.Tensor) else lambda_
-                prices = scale * bits[stage]
-            codes = self.book(stage).nearest(left, prices)
+            codes = self.book(stage).nearest(left, None if bits is None else lambda_ * bits[stage])
             left = left - self.book(stage).words[codes]
             out.append(codes)
         return torch.stack(out, 1)
 
     def look_up(self, indices: torch.Tensor, stages: torch.Tensor | int | None = None) -> torch.Tensor:
         """(n, d) sums of the codewords of the first `stages`, one number or (n,), of (n, M) indices; None for all."""
-        kept = self.stages if stages is None else stages
+        limit = self.stages if stages is None else stages
         total = torch.zeros(len(indices), self.book(0).words.shape[1], device=indices.device)
         for stage in range(self.stages):
             # The zero vector has no gradient.
             words = embedding(indices[:, stage], self.book(stage).words, padding_idx=0)
-            if isinstance(kept, torch.Tensor):
-                total = total + words * (kept > stage)[:, None]
-            elif kept > stage:
+            if isinstance(limit, torch.Tensor):
+                total = total + words * (limit > stage)[:, None]
+            elif limit > stage:
                 total = total + words
         return total
 
     def forward(
-        self,
-        f: torch.Tensor,
-        stages: torch.Tensor | int | None = None,
-        lambda_: float | torch.Tensor = 0.0,
-        bits: torch.Tensor | None = None,
-        indices: torch.Tensor | None = None,
-    ) -> Quantised:
-        """Quantise (n, D) features to the first `stages`, one number or (n,), of M; see `choose` for the rest.
+        self, f: torch.Tensor, encoded: torch.Tensor, indices: torch.Tensor, stages: int
+    ) -> tuple[torch.Tensor, torch.Tensor]:
+        """(n, D) features of the first `stages`, with the gradient of :func:`rotation_trick`, and the paper's loss.
+
+        The loss (paper §3.5) is L1(f, f_q) + commitment * |z_e - sg(e)|^2. Its first f has no gradient: given
+        `encoded` of detached features, it reaches only projector, decoder and open books.
 
         Args:
-            indices: (n, M) chosen some steps ago, taken as they are: choosing costs most of the time. None: chosen now.
+            f: (n, D).
+            encoded: (n, d) latents of :meth:`project`.
+            indices: (n, M) codewords.
         """
-        encoded = self.project(f)
-        if indices is None:
-            indices = self.choose(encoded, bits, lambda_)
         words = self.look_up(indices, stages)
-        latent = self._estimate(encoded, words.detach()) + (words - words.detach())
-        features = self.decode(latent)
+        features = self.decode(rotation_trick(encoded, words.detach()) + (words - words.detach()))
         commitment = mse_loss(encoded, self.look_up(indices).detach())
-        loss = l1_loss(features, f.detach()) + self.commitment * commitment
-        return Quantised(encoded.detach(), latent, features, indices, loss)
+        return features, l1_loss(features, f.detach()) + _COMMITMENT * commitment
 
     @torch.no_grad()
     def update(self, z: torch.Tensor, indices: torch.Tensor) -> None:
@@ -293,17 +272,3 @@ def _networks(dimension: int, features: int, linear: bool) -> tuple[nn.Sequentia
     hidden = [nn.Linear(features, features), nn.ReLU()]
     projector = nn.Sequential(*hidden, nn.Linear(features, dimension), nn.LayerNorm(dimension))
     return projector, nn.Sequential(nn.Linear(dimension, features), nn.ReLU(), nn.Linear(features, features))
-
-
-def _check(dimension: int, features: int, stages: int, codewords: int, estimator: str, projector: str) -> None:
-    ranges = (
-        ("dimension", dimension, 1, min(MAX_LATENT, features)),
-        ("stages", stages, 1, MAX_STAGES),
-        ("codewords", codewords, 2, MAX_CODEWORDS),
-    )
-    for name, value, least, most in ranges:
-        if not least <= value <= most:
-            raise InvalidInput("input-options", f"{value} {name}: {least}..{most} are possible", field=name)
-    for name, said, choices in (("estimator", estimator, tuple(ESTIMATORS)), ("projector", projector, PROJECTORS)):
-        if said not in choices:
-            raise InvalidInput("input-options", f"{said!r} is not one of {', '.join(choices)}", field=name)

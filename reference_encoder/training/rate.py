@@ -1,10 +1,14 @@
-"""The bits that a scene will take, differentiable: the price of bits in training (paper §3.5).
+"""The bits that a scene will take, differentiable: the rate term of the loss (paper §3.5).
 
 The file codes values with tables that predictors choose from what is decoded already (SPEC §10.3). Its stand-in here is
 a logistic distribution a component. Its mean and width depend linearly on what comes before in an anchor, scalings,
-then latents one after another, and by a small network on what neighbours have (`neighbours`). Bits of a prefix are
-those of its values at its steps: ternary steps nest, so a value at step n costs what the step n cell has in
+then latents one after another, and by a small network on what neighbours have (:func:`neighbour_means`). Bits of a
+prefix are those of its values at its steps: ternary steps nest, so a value at step n costs what the step n cell has in
 probability, however many steps it came in.
+
+The file has two cells about each anchor, of a few and of many anchors, and codes each anchor after some of the others
+in it (SPEC §10.2). Training sees all others: gradients do not run through them, so that it only matters what they are
+like.
 """
 
 from __future__ import annotations
@@ -16,8 +20,49 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
-from reference_encoder.training.anchors import SLOTS
-from reference_encoder.training.neighbours import columns
+from reference_encoder.training.anchors import SLOTS, distinct
+from reference_encoder.tuning import CONTEXT
+
+OCCUPANCIES = CONTEXT.occupancies
+"""Anchors that a cell shall hold on average, by depth."""
+
+
+def neighbour_means(lattice: Tensor, values: Tensor) -> Tensor:
+    """(N, depths * (c + 1)) means of (N, c) values of the others in each anchor's cells, and how full these are.
+
+    Means are taken towards that of all anchors, as if one more of that kind lay in each cell.
+
+    Args:
+        lattice: (N, 3) int64 lattice points of the anchors.
+    """
+    parts = []
+    overall = values.mean(dim=0)
+    for occupancy in OCCUPANCIES:
+        cells = find_cells(lattice, occupancy)
+        counts = torch.bincount(cells).float()
+        sums = torch.zeros(len(counts), values.shape[1], device=values.device).index_add_(0, cells, values)
+        others = counts[cells] - 1
+        means = (sums[cells] - values + overall) / (others + 1)[:, None]
+        parts += [means, torch.log1p(others)[:, None]]
+    return torch.cat(parts, dim=1)
+
+
+def columns(components: int) -> int:
+    """Width of :func:`neighbour_means` of so many components."""
+    return len(OCCUPANCIES) * (components + 1)
+
+
+def find_cells(lattice: Tensor, occupancy: float) -> Tensor:
+    """(N,) numbers of the cells at the first size at which they hold `occupancy` anchors on average.
+
+    One cell where they are too few at any: cubes that double never join what lies on two sides of 0.
+    """
+    for shift in range(int(lattice.max() - lattice.min() + 1).bit_length() + 1):
+        points, numbers, _ = distinct(lattice >> shift)
+        if len(lattice) >= occupancy * len(points):
+            return numbers
+    return torch.zeros(len(lattice), dtype=torch.long, device=lattice.device)
+
 
 POSITION_BITS = 15.0
 """Bits of an anchor's place on its lattice, with its class."""
@@ -46,16 +91,15 @@ class Context(nn.Module):
 
     Args:
         width: components, 6 of them scalings.
-        neighbours: whether neighbours are looked at.
         seed: of the first weights.
     """
 
-    def __init__(self, width: int, neighbours: bool = True, seed: int = 0) -> None:
+    def __init__(self, width: int, seed: int = 0) -> None:
         super().__init__()
         # Layers draw their first weights from torch's global generator.
         with torch.random.fork_rng(devices=[]):
             torch.manual_seed(seed)
-            self.hidden = nn.Linear(columns(width), _UNITS) if neighbours else None
+            self.hidden = nn.Linear(columns(width), _UNITS)
         self.output = nn.Linear(_UNITS, 2 * width)
         nn.init.zeros_(self.output.weight)
         nn.init.zeros_(self.output.bias)
@@ -91,13 +135,13 @@ class Context(nn.Module):
 
         Args:
             values: (n, 6 + d).
-            around: (n, columns) what neighbours have (`Neighbours.around` of values :meth:`shown`); None: not known.
+            around: (n, columns) :func:`neighbour_means` of values :meth:`shown`; None: not known.
         """
         x, w = self.shown(values), widths / self.scale
         known = x.detach()
         mean = functional.linear(known, self.mean * self.earlier, self.mean_bias)
         spread = functional.linear(known.abs(), self.spread * self.earlier, self.spread_bias)
-        if around is not None and self.hidden is not None:
+        if around is not None:
             by_mean, by_spread = self.output(torch.relu(self.hidden(around))).chunk(2, dim=1)
             mean, spread = mean + by_mean, spread + by_spread
         return cell_bits(x, w, mean, spread.clamp(-8.0, 4.0))
@@ -127,28 +171,8 @@ class Priced:
     around: Tensor | None = None
 
 
-@dataclass(frozen=True)
-class Rate:
-    """Bits of n anchors in a layer, all differentiable sums.
-
-    Attributes:
-        positions, masks, scaling, latent, offsets: by what they are for.
-    """
-
-    positions: Tensor
-    masks: Tensor
-    scaling: Tensor
-    latent: Tensor
-    offsets: Tensor
-
-    @property
-    def total(self) -> Tensor:
-        """All together."""
-        return self.positions + self.masks + self.scaling + self.latent + self.offsets
-
-
-def rate(context: Context, priced: Priced, index_bits: float = 0.0) -> Rate:
-    """Bits of a layer.
+def layer_bits(context: Context, priced: Priced, index_bits: float = 0.0) -> Tensor:
+    """Bits of n anchors in a layer, a differentiable sum.
 
     Args:
         priced: values, slots and cells; what is off costs nothing.
@@ -159,4 +183,4 @@ def rate(context: Context, priced: Priced, index_bits: float = 0.0) -> Rate:
     slot_bits = (context.offset_bits(priced.offsets, priced.offset_widths).sum(dim=2) * priced.shown).sum()
     positions = (POSITION_BITS + CLOSED_BITS * SLOTS) * present.sum()
     latent = bits[:, 6:].sum() + index_bits * present.sum()
-    return Rate(positions, MASK_BITS * priced.shown.sum(), bits[:, :6].sum(), latent, slot_bits)
+    return positions + MASK_BITS * priced.shown.sum() + bits[:, :6].sum() + latent + slot_bits

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -11,43 +11,41 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from reference_encoder.decide.assemble import Quantised
+from reference_encoder.judge.reconstruct import reconstruct_anchors
 from reference_encoder.options import EncodeOptions
-from reference_encoder.pipeline import Written, best_file
-from reference_encoder.streaming.told import streamed
-from reference_encoder.training.alignment import LOOKS, displacement, warn_displaced
-from reference_encoder.training.anchors import Frame, SceneNetworks
+from reference_encoder.streaming_block import build_streaming_block
+from reference_encoder.training.anchors import AnchorLattice, SceneNetworks
 from reference_encoder.training.capture import Capture, Photo, pixels
-from reference_encoder.training.checkpoints import identity, load_checkpoint, save_checkpoint
-from reference_encoder.training.curriculum import CURRICULA
-from reference_encoder.training.device import reproducible, run_device
-from reference_encoder.training.evaluate import Views, drawn, quality
-from reference_encoder.training.growth import Statistics
-from reference_encoder.training.index_entropy import IndexOptions, JointIndexModel
+from reference_encoder.training.densification import AnchorStatistics
+from reference_encoder.training.device import reproducible, run_device, thread_count
+from reference_encoder.training.evaluate import draw, quality
+from reference_encoder.training.index_entropy import JointIndexModel
 from reference_encoder.training.layers import LayerPlan
-from reference_encoder.training.log import RunLog
 from reference_encoder.training.options import (
     LayerQuality,
-    LeftOff,
     Progress,
     Report,
     Stop,
+    Suspended,
     Trained,
     TrainOptions,
     never,
     silent,
 )
-from reference_encoder.training.price import LEAST_PRICE, Prices
+from reference_encoder.training.pose_check import LOOKS, displacement, warn_of_displacement
+from reference_encoder.training.presets import PRESETS, Preset
+from reference_encoder.training.quantiser import Quantiser
 from reference_encoder.training.rate import Context
-from reference_encoder.training.recipe import RECIPES, Recipe
-from reference_encoder.training.similarity import Target
+from reference_encoder.training.rate_controller import LEAST_PRICE, RateController
+from reference_encoder.training.run_folder import RunLog, identity, load_checkpoint, save_checkpoint
+from reference_encoder.training.similarity import Target, View
+from reference_encoder.training.smallest import smallest_file
 from reference_encoder.training.state import State, new_anchors, typical_distance
 from reference_encoder.training.trainer import Trainer
-from scarfmt.coding.writer import QuantisedScene, write_scene
+from reference_encoder.training.vq_features import VqFeatures
+from scarfmt.coding.writer import write_scene
 from scarfmt.container.file import Container
 from scarfmt.container.source import BytesSource
-from scarfmt.engines import best_engine
-from scarfmt.errors import InvalidInput
 
 VOXEL = 0.5
 """Edge of a voxel, as a share of the median distance of a starting point to its nearest neighbours."""
@@ -67,30 +65,18 @@ _MOST_FINISH = 180.0
 _MEMORY = 0.98
 
 
-@dataclass
 class Clock:
-    """How much of a run is done, by iterations or by time.
+    """How much of a run is done, by iterations or by time: minus what the file takes at the end.
 
     Attributes:
-        iterations: all of them, None where time decides.
-        seconds: all of them, None where iterations decide.
         before: seconds spent before an interruption.
     """
 
-    iterations: int | None
-    seconds: float | None
-    before: float = 0.0
-
-    def __post_init__(self) -> None:
+    def __init__(self, options: TrainOptions) -> None:
+        self.iterations, self.before = options.iterations, 0.0
+        whole = 60 * (options.minutes or 0.0)
+        self._seconds = whole - min(_FINISH * whole, _MOST_FINISH)
         self._started = time.monotonic()
-
-    @classmethod
-    def of(cls, options: TrainOptions) -> Clock:
-        """The budget that was asked for, minus the time that the file takes at the end."""
-        if options.minutes is None:
-            return cls(options.iterations, None)
-        whole = 60 * options.minutes
-        return cls(None, whole - min(_FINISH * whole, _MOST_FINISH))
 
     @property
     def spent(self) -> float:
@@ -101,8 +87,7 @@ class Clock:
         """Fraction of the run, 1 or more when it is over."""
         if self.iterations is not None:
             return iteration / self.iterations
-        assert self.seconds is not None
-        return self.spent / self.seconds
+        return self.spent / self._seconds
 
     def planned(self, iteration: int) -> int:
         """How many iterations it will be."""
@@ -110,7 +95,7 @@ class Clock:
         return self.iterations or max(iteration, round(iteration / done) if done > 0 else 0)
 
 
-def spacing(eyes: Tensor) -> float:
+def camera_spacing(eyes: Tensor) -> float:
     """Median distance of (n, 3) cameras, at least one, to the nearest other; 0 of one alone."""
     if len(eyes) < 2:
         return 0.0
@@ -119,87 +104,87 @@ def spacing(eyes: Tensor) -> float:
     return float(distances.amin(dim=1).median())
 
 
-def photos(chosen: tuple[Photo, ...], device: torch.device) -> Views:
+def photos(chosen: tuple[Photo, ...], device: torch.device) -> list[View]:
     """Cameras and what pictures of them are to look like, on a device."""
     return [(photo.camera, Target.of(torch.from_numpy(np.array(pixels(photo))).to(device))) for photo in chosen]
 
 
-def halves(chosen: tuple[Photo, ...], device: torch.device) -> Views:
+def half_size_views(chosen: tuple[Photo, ...], device: torch.device) -> list[View]:
     """Photos at half their size; none where that would leave too little to see."""
     if max(max(photo.camera.width, photo.camera.height) for photo in chosen) < 2 * _LEAST_HALF:
         return []
     return photos(tuple(replace(photo, camera=photo.camera.scaled(0.5)) for photo in chosen), device)
 
 
-def begun(capture: Capture, options: TrainOptions, recipe: Recipe | None = None) -> Trainer:
-    """A run before its first iteration; `recipe` in place of the preset's.
+def make_trainer(capture: Capture, options: TrainOptions) -> Trainer:
+    """A run before its first iteration.
 
     Raises:
-        InvalidInput: ``input-options`` for what cannot be trained; as of :func:`run_device`.
+        InvalidInput: as of :func:`run_device`.
     """
-    device = run_device(options.device)
-    recipe = recipe or RECIPES[options.preset]
-    if not recipe.stages:
-        _check_no_indices(options)
+    device, preset = run_device(options.device), PRESETS[options.preset]
     views = photos(capture.train, device)
     eyes = np.stack([camera.centre for camera, _ in views])
     extent = EXTENT * float(np.linalg.norm(eyes - eyes.mean(axis=0), axis=1).max(initial=1e-6))
     points = torch.from_numpy(capture.points)
     plan = LayerPlan.of(options.layers, options.last_layer)
-    frame = Frame.round(points, VOXEL * typical_distance(points))
-    anchors = new_anchors(points, frame, recipe.features)
-    priced = 6 + (0 if recipe.stages else recipe.features)
+    frame = AnchorLattice.round(points, VOXEL * typical_distance(points))
+    anchors = new_anchors(points, frame, preset.features)
+    priced = 6 + (0 if preset.stages else preset.features)
     state = State(
         frame=frame.to(device),
         anchors=anchors.to(device),
-        networks=SceneNetworks(recipe.features, recipe.features, True, options.seed).to(device),
-        context=Context(priced, options.context != "none", options.seed).to(device),
+        networks=SceneNetworks(preset.features, options.seed).to(device),
+        context=Context(priced, options.seed).to(device),
         log_widths=torch.zeros(priced, device=device),
         log_offset_widths=torch.zeros(3, device=device),
-        statistics=Statistics.of(len(anchors), device),
+        statistics=AnchorStatistics.of(len(anchors), device),
         plan=plan,
         generator=torch.Generator().manual_seed(options.seed),
         extent=extent,
-        vectors=recipe.vectors(plan.count, options.seed, device),
+        vectors=_vq_features(preset, plan.count, options.seed, device),
     )
     pixel_count = sum(camera.width * camera.height for camera, _ in views)
     price = [options.lambda_ * _LAST_PRICE * _FALL ** (plan.count - 1 - layer) for layer in range(plan.count)]
     wanted = None if options.size is None else [options.size * share for share in plan.shares]
     return Trainer(
         state=state,
-        prices=Prices(price, pixel_count, wanted, LEAST_PRICE * options.lambda_),
+        rate_controller=RateController(price, pixel_count, wanted, LEAST_PRICE * options.lambda_),
         views=views,
-        small=halves(capture.train, device) or views,
-        curriculum=CURRICULA[recipe.curriculum],
-        ssim_share=options.lambda_ssim,
+        small=half_size_views(capture.train, device) or views,
+        curriculum=preset.curriculum,
         background=torch.zeros(3, device=device),
-        wander=recipe.wander * spacing(torch.from_numpy(eyes)),
-        joint=JointIndexModel(index_options(options)) if recipe.stages else None,
+        camera_jitter=preset.camera_jitter * camera_spacing(torch.from_numpy(eyes)),
+        joint=JointIndexModel(preset.paper, options.seed) if preset.stages else None,
     )
 
 
-def _check_no_indices(options: TrainOptions) -> None:
-    """Refuse what codes the indices of codewords where there are none."""
-    fitting = {"context": (None, "decoded", "none"), "entropy": (None, "static")}
-    for name, fits in fitting.items():
-        said = getattr(options, name)
-        if said not in fits:
-            message = f"{said} codes indices of codewords, and this preset has none: use it with rvq or paper"
-            raise InvalidInput("input-options", message, field=name)
+def _vq_features(preset: Preset, layers: int, seed: int, device: torch.device) -> VqFeatures | None:
+    """The quantiser of a run on a device, None where latents are sent number by number."""
+    if not preset.stages:
+        return None
+    sizes = preset.dimension, preset.features, preset.stages, preset.codewords
+    quantiser = Quantiser(*sizes, linear=not preset.paper, seed=seed)
+    by_layer = tuple(max(1, round((layer + 1) * preset.stages / layers)) for layer in range(layers))
+    return VqFeatures(quantiser.to(device), by_layer, priced=not preset.paper)
 
 
-def index_options(options: TrainOptions) -> IndexOptions:
-    """The options of the coder of indices."""
-    return IndexOptions.named(options.entropy, options.context, options.preset, options.seed)
+_KEPT = ("threads", "psnr", "bytes", "loss")
+"""What a checkpoint has of a run."""
 
 
 class Run:
-    """A training that goes on: its trainer, its clock, what it has found so far."""
+    """A training that goes on: its trainer, its clock, what it has found so far.
 
-    def __init__(self, capture: Capture, options: TrainOptions, report: Report, recipe: Recipe | None = None) -> None:
-        self.options, self.report = options, report
-        self.trainer = begun(capture, options, recipe)
-        self.clock = Clock.of(options)
+    A run keeps its number of threads, also over an interruption, whatever else in the process changes it.
+    """
+
+    def __init__(self, capture: Capture, options: TrainOptions, report: Report) -> None:
+        self.report = report
+        self.threads = thread_count()
+        torch.set_num_threads(self.threads)
+        self.trainer = make_trainer(capture, options)
+        self.clock = Clock(options)
         self.held_out = photos(capture.test, self.trainer.state.device)
         self.psnr: float | None = None
         self.bytes: int | None = None
@@ -209,23 +194,25 @@ class Run:
 
     def state(self) -> dict[str, Any]:
         """For a checkpoint."""
-        own = {"spent": self.clock.spent, "psnr": self.psnr, "bytes": self.bytes, "loss": self.loss}
+        own = {name: getattr(self, name) for name in _KEPT} | {"spent": self.clock.spent}
         return {"run": own, "trainer": self.trainer.checkpoint()}
 
     def load(self, state: dict[str, Any]) -> None:
         """Go on from a checkpoint."""
         self.trainer.resume(state["trainer"])
-        own = state["run"]
-        self.clock.before, self.psnr, self.bytes, self.loss = own["spent"], own["psnr"], own["bytes"], own["loss"]
+        own = dict(state["run"])
+        self.clock.before = own.pop("spent")
+        vars(self).update(own)
 
     def step(self) -> bool:
         """One iteration; False when the run is over."""
         done = self.clock.done(self.trainer.iteration)
         if done >= 1:
             return False
-        outcome = self.trainer.step(done)
+        torch.set_num_threads(self.threads)
+        loss = self.trainer.step(done)
         first = self.loss != self.loss
-        self.loss = outcome.loss if first else _MEMORY * self.loss + (1 - _MEMORY) * outcome.loss
+        self.loss = loss if first else _MEMORY * self.loss + (1 - _MEMORY) * loss
         self.report(self.progress())
         return True
 
@@ -257,16 +244,16 @@ class Run:
         trainer = self.trainer
         last = trainer.state.plan.count - 1
         self.psnr, _ = quality(trainer.state, self.held_out, last if trainer.noisy else None, trainer.background)
-        figures: dict[str, Any] = {"prices": str(trainer.prices.price)}
+        figures: dict[str, Any] = {"prices": str(trainer.rate_controller.price)}
         if trainer.noisy:
-            sizes = layer_sizes(write_scene(trainer.written(), engine=best_engine()))
+            sizes = layer_sizes(write_scene(trainer.written()))
             self.bytes = sizes[-1]
-            figures |= {"estimated": str(trainer.prices.estimate), "written": str(sizes)}
-            if len(sizes) == len(trainer.prices.price):
-                trainer.prices.wrote(sizes)
+            figures |= {"estimated": str(trainer.rate_controller.estimate), "written": str(sizes)}
+            if len(sizes) == len(trainer.rate_controller.price):
+                trainer.rate_controller.record_sizes(sizes)
         if self.displacement is None and self.clock.done(trainer.iteration) >= _SETTLED:
             self.displacement = self._displacement()
-            warn_displaced(self.displacement)
+            warn_of_displacement(self.displacement)
         figures |= {"displacement": self.displacement}
         if trainer.joint is not None:
             figures |= {"index_bits_an_anchor": trainer.index_bits, "hash_bits": trainer.joint.hash_bits}
@@ -284,34 +271,25 @@ class Run:
 
     def result(self) -> Trained:
         """The best file of what was learnt so far."""
+        torch.set_num_threads(self.threads)
         trainer = self.trainer
-        trainer.settle()
-        written = smallest(trainer.written(), trainer.joint, self.options.entropy == "static")
-        cameras = [camera for camera, _ in trainer.views]
-        data = streamed(written.data, written.scene, EncodeOptions(cameras=cameras, only_cameras=True))
+        trainer.finish()
+        scene = trainer.written()
+        cameras = EncodeOptions(cameras=[camera for camera, _ in trainer.views])
+        scene = replace(scene, streaming=build_streaming_block(scene, reconstruct_anchors(scene), cameras))
+        data = smallest_file(scene, trainer.joint)
         sizes = layer_sizes(data)
-        found = [
-            quality(trainer.state, self.held_out, layer, trainer.background) for layer in range(len(sizes))
-        ]
-        layers = tuple(LayerQuality(size, *each) for size, each in zip(sizes, found, strict=True))
+        layers = tuple(
+            LayerQuality(size, *quality(trainer.state, self.held_out, layer, trainer.background))
+            for layer, size in enumerate(sizes)
+        )
         return Trained(data, layers, trainer.iteration, self.clock.spent, self._displacement())
 
     def _displacement(self) -> float:
         """How far pictures lie beside the photos learnt from."""
         state, views, background = self.trainer.state, self.trainer.views, self.trainer.background
         looked = views[:: -(-len(views) // LOOKS)]
-        return displacement((drawn(state, camera, None, background), target) for camera, target in looked)
-
-
-def smallest(scene: QuantisedScene, joint: JointIndexModel | None, static: bool = False) -> Written:
-    """The file of fewest bytes: predictors and networks where they pay in bytes, whatever decoding takes.
-
-    Args:
-        joint: what codes indices, if there are any.
-        static: tables alone.
-    """
-    plain, options = Quantised(scene), EncodeOptions(archive=True, decode_budget=0 if static else None)
-    return best_file(plain, options) if joint is None else joint.file(plain, options)
+        return displacement((draw(state, camera, None, background), target) for camera, target in looked)
 
 
 def layer_sizes(data: bytes) -> list[int]:
@@ -326,7 +304,6 @@ def train(
     report: Report = silent,
     stop: Stop = never,
     leave: Stop = never,
-    recipe: Recipe | None = None,
 ) -> Trained:
     """Learn a scene from photos, and write it.
 
@@ -334,48 +311,43 @@ def train(
         capture: photos with cameras, and points to start from.
         options: None for the defaults.
         folder: for checkpoints, log and plot; a run that was interrupted or stopped goes on from the last checkpoint
-            there. Who has the file safe discards them (`checkpoints.discard_checkpoints`). None keeps nothing.
-        report: told after every iteration.
+            there. Who has the file safe discards them (`run_folder.discard_checkpoints`). None keeps nothing.
+        report: called after every iteration.
         stop: asked after every iteration whether to end now with the best file so far.
         leave: asked as often, where there is a folder, whether to leave off: with a checkpoint, and without a file.
-        recipe: what to train in place of what the preset stands for; for research.
 
     Raises:
         InvalidInput: ``input-options``, ``input-dependency``, ``input-checkpoint``.
-        LeftOff: `leave` said yes; the next call goes on.
+        Suspended: `leave` said yes; the next call goes on.
     """
-    options = (options or TrainOptions()).settled()
+    options = (options or TrainOptions()).resolve()
     with reproducible(run_device(options.device)):
-        run = Run(capture, options, report, recipe)
+        run = Run(capture, options, report)
         if folder is not None:
-            return _kept(run, folder, identity(capture, options, recipe or RECIPES[options.preset]), stop, leave)
+            return _train_in(folder, run, identity(capture, options), stop, leave)
         while run.step() and not stop():
             if run.check_due():
                 run.check()
         return run.result()
 
 
-def _kept(run: Run, folder: Path, whose: str, stop: Stop, leave: Stop) -> Trained:
+def _train_in(folder: Path, run: Run, whose: str, stop: Stop, leave: Stop) -> Trained:
     """The result of a run that keeps checkpoints and a log in a folder, and continues from those it finds there."""
-    found = load_checkpoint(folder, whose)
-    if found is not None:
-        run.load(found[1])
+    checkpoint = load_checkpoint(folder, whose)
+    if checkpoint is not None:
+        run.load(checkpoint[1])
     with RunLog(folder, run.trainer.iteration) as log:
-        _loop(run, folder, whose, log, stop, leave)
+        while run.step() and not stop():
+            if run.check_due():
+                figures = run.check()
+                log.note(run.progress(), **figures)
+            if run.save_due():
+                run.save(folder, whose)
+            if leave():
+                run.save(folder, whose)
+                raise Suspended(run.progress())
+        run.save(folder, whose)
         trained = run.result()
         ended = replace(run.progress(), psnr=trained.layers[-1].psnr, bytes=len(trained.data), phase="written")
         log.note(ended, layers=str([(layer.bytes, round(layer.psnr, 3)) for layer in trained.layers]))
     return trained
-
-
-def _loop(run: Run, folder: Path, whose: str, log: RunLog, stop: Stop, leave: Stop) -> None:
-    while run.step() and not stop():
-        if run.check_due():
-            figures = run.check()
-            log.note(run.progress(), **figures)
-        if run.save_due():
-            run.save(folder, whose)
-        if leave():
-            run.save(folder, whose)
-            raise LeftOff(run.progress())
-    run.save(folder, whose)

@@ -7,18 +7,46 @@ the same in torch.
 
 from __future__ import annotations
 
+import ctypes
 from dataclasses import dataclass
+from functools import cache, partial
 from typing import Any
 
 import torch
 from torch import Tensor
 from torch.nn import functional
 
-from reference_encoder.training.native import Similarity, run_similarity
+from reference_encoder.training.raster.compiled import load, on_threads
+from scarfmt.render.camera import Camera
+
+
+class Similarity(ctypes.Structure):
+    """The arguments of a call of similarity.c; `Similarity` there describes each."""
+
+    _fields_ = (
+        *((name, ctypes.c_void_p) for name in ("picture", "photo", "mean", "square", "window")),
+        *((name, ctypes.c_void_p) for name in ("by_mean", "by_square", "by_product", "gradient", "sums", "scratch")),
+        ("height", ctypes.c_int64),
+        ("width", ctypes.c_int64),
+        ("share", ctypes.c_float),
+        ("c1", ctypes.c_float),
+        ("c2", ctypes.c_float),
+    )
+
+
+@cache
+def _library() -> ctypes.CDLL:
+    library = load()
+    library.scar_similarity.restype = None
+    library.scar_similarity.argtypes = [ctypes.POINTER(Similarity), *[ctypes.c_int64] * 4]
+    return library
+
 
 _RADIUS, _SIGMA = 5, 1.5
 _REACH = 3 * _RADIUS
 _C1, _C2 = 0.01**2, 0.03**2
+SSIM_SHARE = 0.2
+"""Share of 1 - SSIM in the loss of a picture, as in 3DGS and Scaffold-GS; the rest is L1 (paper §3.5)."""
 
 
 def _window() -> list[float]:
@@ -29,7 +57,7 @@ def _window() -> list[float]:
 _WINDOW = _window()
 
 
-def blurred(maps: Tensor) -> Tensor:
+def blur(maps: Tensor) -> Tensor:
     """(H, W, c) maps under the window, zeros beyond the edges: its own adjoint.
 
     Shifted sums: a convolution of one channel takes ten times as long on processors.
@@ -62,7 +90,11 @@ class Target:
     def of(cls, photo: Tensor) -> Target:
         """Build the target from (H, W, 3) uint8."""
         pixels = photo.contiguous().float() / 255
-        return cls(pixels, blurred(pixels).contiguous(), blurred(pixels * pixels).contiguous())
+        return cls(pixels, blur(pixels).contiguous(), blur(pixels * pixels).contiguous())
+
+
+View = tuple[Camera, Target]
+"""A camera, and what its picture is to look like."""
 
 
 def _compiled(picture: Tensor, target: Target, share: float) -> tuple[Tensor, Tensor]:
@@ -74,7 +106,9 @@ def _compiled(picture: Tensor, target: Target, share: float) -> tuple[Tensor, Te
     scratch = torch.empty(threads, 6 * (3 * width + 2 * _REACH))
     window = torch.tensor(_WINDOW)
     tensors = (picture, target.pixels, target.mean, target.square, window, *slopes, sums, scratch)
-    run_similarity(Similarity(*(tensor.data_ptr() for tensor in tensors), height, width, share, _C1, _C2), threads)
+    job = Similarity(*(tensor.data_ptr() for tensor in tensors), height, width, share, _C1, _C2)
+    for phase in (1, 2):
+        on_threads(partial(_library().scar_similarity, ctypes.byref(job), phase), height)
     l1, similar = (sums.sum(dim=0) / picture.numel()).float()
     return (1 - share) * l1 + share * (1 - similar), slopes[3]
 
@@ -82,7 +116,7 @@ def _compiled(picture: Tensor, target: Target, share: float) -> tuple[Tensor, Te
 def _by_torch(x: Tensor, target: Target, share: float) -> tuple[Tensor, Tensor]:
     """Value and gradient, formula by formula as in similarity.c."""
     y = target.pixels
-    mean, square, product = blurred(torch.cat([x, x * x, x * y], dim=2)).chunk(3, dim=2)
+    mean, square, product = blur(torch.cat([x, x * x, x * y], dim=2)).chunk(3, dim=2)
     a1, b1 = 2 * mean * target.mean + _C1, mean**2 + target.mean**2 + _C1
     a2 = 2 * (product - mean * target.mean) + _C2
     b2 = (square - mean**2) + (target.square - target.mean**2) + _C2
@@ -90,7 +124,7 @@ def _by_torch(x: Tensor, target: Target, share: float) -> tuple[Tensor, Tensor]:
     ssim = a1 * a2 * scale
     by_product, by_square = 2 * a1 * scale, -ssim / b2
     by_mean = 2 * (target.mean * a2 * scale - mean * ssim / b1 - mean * by_square) - target.mean * by_product
-    through = blurred(torch.cat([by_mean, by_square, by_product], dim=2)).chunk(3, dim=2)
+    through = blur(torch.cat([by_mean, by_square, by_product], dim=2)).chunk(3, dim=2)
     gradient = through[0] + 2 * x * through[1] + y * through[2]
     gradient = ((1 - share) * torch.sign(x - y) - share * gradient) / x.numel()
     return (1 - share) * (x - y).abs().mean() + share * (1 - ssim.mean()), gradient
@@ -112,7 +146,7 @@ class _Dissimilarity(torch.autograd.Function):
         return outputs[0] * gradient, None, None
 
 
-def dissimilarity(picture: Tensor, target: Target, share: float) -> Tensor:
+def dissimilarity(picture: Tensor, target: Target, share: float = SSIM_SHARE) -> Tensor:
     """(1 - share) L1 + share (1 - SSIM) of an (H, W, 3) picture, a scalar that is differentiable once."""
     return _Dissimilarity.apply(picture, target, share)  # type: ignore[no-any-return,no-untyped-call]
 

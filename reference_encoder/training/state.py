@@ -9,17 +9,15 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from reference_encoder.training.anchors import ATTRIBUTES, SLOTS, Anchors, Frame, SceneNetworks
-from reference_encoder.training.curriculum import Moment
-from reference_encoder.training.descent import Descent, Rates
+from reference_encoder.training.anchors import ATTRIBUTES, SLOTS, AnchorLattice, Anchors, SceneNetworks, distinct
+from reference_encoder.training.densification import AnchorStatistics, NewAnchors, inherit_latents
 from reference_encoder.training.device import noise_generator
-from reference_encoder.training.expand import Values
-from reference_encoder.training.growth import Growth, Statistics, inherited
-from reference_encoder.training.lattice import Distinct
 from reference_encoder.training.layers import LayerPlan, coarse
-from reference_encoder.training.neighbours import Neighbours
-from reference_encoder.training.rate import Context, Priced
-from reference_encoder.training.vectors import Vectors
+from reference_encoder.training.neural_gaussians import AnchorValues
+from reference_encoder.training.optimizer import AnchorOptimizer, Rates
+from reference_encoder.training.presets import Moment
+from reference_encoder.training.rate import Context, Priced, neighbour_means
+from reference_encoder.training.vq_features import VqFeatures
 
 _START_WIDTHS = {"scaling": 0.1, "offsets": 0.1}
 _LATENT_CELL = 0.5
@@ -29,18 +27,18 @@ WEIGHT_BITS = 8
 """Bits of the networks' weights in the file."""
 
 _RATES = {
-    "latent": Rates(0.0075, 0.0015),
-    "scaling": Rates(0.007, 0.001),
-    "log_widths": Rates(0.005, 0.001),
-    "log_offset_widths": Rates(0.005, 0.001),
+    "latent": (0.0075, 0.0015),
+    "scaling": (0.007, 0.001),
+    "log_widths": (0.005, 0.001),
+    "log_offset_widths": (0.005, 0.001),
 }
 _NETWORK_RATES = {
-    "decoder": Rates(2e-3, 2e-5),
-    "opacity": Rates(2e-3, 2e-5),
-    "cov": Rates(4e-3, 4e-4),
-    "color": Rates(8e-3, 5e-5),
+    "decoder": (2e-3, 2e-5),
+    "opacity": (2e-3, 2e-5),
+    "cov": (4e-3, 4e-4),
+    "color": (8e-3, 5e-5),
 }
-_CONTEXT_RATES = Rates(5e-3, 5e-4)
+_CONTEXT_RATES = (5e-3, 5e-4)
 
 
 @dataclass
@@ -61,19 +59,19 @@ class State:
         around: (N, columns) what neighbours had when last looked at; zeros for anchors that came since.
     """
 
-    frame: Frame
+    frame: AnchorLattice
     anchors: Anchors
     networks: SceneNetworks
     context: Context
     log_widths: Tensor
     log_offset_widths: Tensor
-    descent: Descent = field(init=False)
-    statistics: Statistics
+    descent: AnchorOptimizer = field(init=False)
+    statistics: AnchorStatistics
     plan: LayerPlan
     generator: torch.Generator
     noise: torch.Generator = field(init=False)
     extent: float
-    vectors: Vectors | None = None
+    vectors: VqFeatures | None = None
     around: Tensor | None = None
 
     def __post_init__(self) -> None:
@@ -82,7 +80,7 @@ class State:
         nets = {f"networks.{name}": value for name, value in self.networks.named_parameters()}
         nets |= {f"context.{name}": value for name, value in self.context.named_parameters()}
         parameters = self.anchors.parameters() | shared | nets
-        self.descent = Descent(parameters, {name: _rates(name, self.extent) for name in parameters})
+        self.descent = AnchorOptimizer(parameters, {name: _rates(name, self.extent) for name in parameters})
         for name in ATTRIBUTES:
             setattr(self.anchors, name, self.descent.parameters[name])
         self.log_widths = self.descent.parameters["log_widths"]
@@ -101,7 +99,7 @@ class State:
             setattr(anchors, name, torch.cat([getattr(anchors, name)[rows], getattr(fresh, name)]))
         for name in ATTRIBUTES:
             setattr(anchors, name, self.descent.rearrange(name, rows, getattr(fresh, name)))
-        self.statistics = self.statistics.taken(rows, len(fresh))
+        self.statistics = self.statistics.select(rows, len(fresh))
         if self.vectors is not None:
             self.vectors.rearrange(rows, len(fresh))
         if self.around is not None:
@@ -109,10 +107,10 @@ class State:
             self.around = torch.cat([self.around[rows], new])
 
     @torch.no_grad()
-    def grow(self, growth: Growth, iteration: int) -> None:
+    def grow(self, growth: NewAnchors, iteration: int) -> None:
         """Add anchors that were asked for, after so many iterations."""
         size = torch.log(growth.size * self.frame.voxel)
-        latent = inherited(self.anchors.latent.detach(), growth)
+        latent = inherit_latents(self.anchors.latent.detach(), growth)
         fresh = Anchors.fresh(growth.lattice, size, latent, iteration)
         self.rearrange(torch.arange(len(self.anchors), device=self.device), fresh)
 
@@ -132,12 +130,10 @@ class State:
         self.context.start(values, offsets)
 
     @torch.no_grad()
-    def look_around(self) -> None:
+    def update_neighbours(self) -> None:
         """Look at what neighbours have now."""
-        if self.context.hidden is not None:
-            everyone = torch.arange(len(self.anchors), device=self.device)
-            shown = self.context.shown(self._values(everyone))
-            self.around = Neighbours.of(self.anchors.lattice).around(shown)
+        everyone = torch.arange(len(self.anchors), device=self.device)
+        self.around = neighbour_means(self.anchors.lattice, self.context.shown(self._values(everyone)))
 
     def _values(self, rows: Tensor) -> Tensor:
         """(n, 6 + d) scalings and, where they are sent, latents."""
@@ -164,25 +160,25 @@ class State:
         }
 
     @torch.no_grad()
-    def resume(self, kept: dict[str, Any]) -> None:
+    def resume(self, saved: dict[str, Any]) -> None:
         """Take up a checkpoint, which is on the processor, of a run on any device."""
         none = torch.zeros(0, dtype=torch.long, device=self.device)
-        self.rearrange(none, Anchors(**kept["anchors"]).to(self.device))
-        self.networks.load_state_dict(kept["networks"])
-        self.context.load_state_dict(kept["context"])
-        self.log_widths.copy_(kept["widths"][0])
-        self.log_offset_widths.copy_(kept["widths"][1])
-        self.descent.load(kept["descent"])
-        self.statistics = Statistics(**kept["statistics"]).to(self.device)
-        self.generator.set_state(kept["generator"])
-        self._resume_noise(kept.get("noise"))
-        self.around = None if kept["around"] is None else kept["around"].to(self.device)
+        self.rearrange(none, Anchors(**saved["anchors"]).to(self.device))
+        self.networks.load_state_dict(saved["networks"])
+        self.context.load_state_dict(saved["context"])
+        self.log_widths.copy_(saved["widths"][0])
+        self.log_offset_widths.copy_(saved["widths"][1])
+        self.descent.load(saved["descent"])
+        self.statistics = AnchorStatistics(**saved["statistics"]).to(self.device)
+        self.generator.set_state(saved["generator"])
+        self._resume_noise(saved.get("noise"))
+        self.around = None if saved["around"] is None else saved["around"].to(self.device)
         if self.vectors is not None:
-            self.vectors.resume(kept["vectors"])
+            self.vectors.resume(saved["vectors"])
 
-    def _resume_noise(self, kept: list[Any] | None) -> None:
-        if kept is not None and kept[0] == self.device.type:
-            self.noise.set_state(kept[1])
+    def _resume_noise(self, saved: list[Any] | None) -> None:
+        if saved is not None and saved[0] == self.device.type:
+            self.noise.set_state(saved[1])
         else:
             # No generator takes the state of another device's.
             self.noise = noise_generator(self.generator, self.device)
@@ -191,15 +187,15 @@ class State:
         """(n, K) bool, slots of anchors `rows` that a layer shows."""
         return self.anchors.first[rows] <= layer
 
-    def exact(self, rows: Tensor) -> Values:
+    def exact(self, rows: Tensor) -> AnchorValues:
         """Values as they are, every slot on that the last layer opens."""
         a = self.anchors
         shown = self.shown(rows, self.plan.count - 1)
         latent = a.latent[rows]
         features = latent if self.vectors else self.networks.features(latent)
-        return Values(self.frame.world(a.lattice[rows]), features, a.scaling[rows], a.offsets[rows], shown)
+        return AnchorValues(self.frame.world(a.lattice[rows]), features, a.scaling[rows], a.offsets[rows], shown)
 
-    def of_layer(self, rows: Tensor, layer: int, now: Moment | None) -> Values:
+    def of_layer(self, rows: Tensor, layer: int, now: Moment | None) -> AnchorValues:
         """Values of anchors `rows` as a layer has them.
 
         Args:
@@ -215,7 +211,7 @@ class State:
         else:
             features = self.anchors.latent[rows]
         positions = self.frame.world(self.anchors.lattice[rows])
-        return Values(positions, features, priced.values[:, :6], priced.offsets, priced.shown)
+        return AnchorValues(positions, features, priced.values[:, :6], priced.offsets, priced.shown)
 
     def priced(self, rows: Tensor, layer: int, rounded: bool) -> Priced:
         """The values on which the bits of anchors `rows` depend in a layer: rounded as in the file, or with noise of a
@@ -226,14 +222,29 @@ class State:
         missing = self.missing(rows, layer)
         cells = widths * (3.0**missing)[:, None]
         if rounded:
-            values = _rounded(values, cells.detach(), coarse(torch.round(values.detach() / widths.detach()), missing))
-            offsets = a.offsets[rows].detach() / offset_widths.detach()
-            offsets = _rounded(a.offsets[rows], offset_widths.detach(), torch.round(offsets))
+            integers, offset_integers = self.integers(rows, missing)
+            values = _rounded(values, cells.detach(), integers)
+            offsets = _rounded(a.offsets[rows], offset_widths.detach(), offset_integers)
         else:
             values = values + self._noise(values.shape) * cells
             offsets = a.offsets[rows] + self._noise((len(rows), SLOTS, 3)) * offset_widths
         around = None if self.around is None else self.around[rows]
         return Priced(values, offsets, self.shown(rows, layer), cells, offset_widths, around)
+
+    @torch.no_grad()
+    def integers(self, rows: Tensor, missing: Tensor) -> tuple[Tensor, Tensor]:
+        """The whole numbers, as float32, that the file has of anchors `rows`.
+
+        Args:
+            missing: (n,) int64 ternary steps of each before the finest.
+
+        Returns:
+            (n, 6 + d) of scalings and, where they are sent, latents, `missing` steps before the finest; (n, K, 3) of
+            offsets.
+        """
+        values = torch.round(self._values(rows) / torch.exp(self.log_widths))
+        offsets = torch.round(self.anchors.offsets[rows] / torch.exp(self.log_offset_widths))
+        return coarse(values, missing), offsets
 
     def missing(self, rows: Tensor, layer: int) -> Tensor:
         """(n,) int64 ternary steps of anchors `rows` after a layer before the finest."""
@@ -246,7 +257,7 @@ class State:
 
 def _rates(name: str, extent: float) -> Rates:
     if name == "offsets":
-        return Rates(0.01 * extent, 1e-4 * extent)
+        return (0.01 * extent, 1e-4 * extent)
     if name.startswith("context."):
         return _CONTEXT_RATES
     if name.startswith("networks."):
@@ -259,9 +270,9 @@ def _rounded(values: Tensor, cells: Tensor, integers: Tensor) -> Tensor:
     return values + (integers * cells - values).detach()
 
 
-def new_anchors(points: Tensor, frame: Frame, latent: int) -> Anchors:
+def new_anchors(points: Tensor, frame: AnchorLattice, latent: int) -> Anchors:
     """An anchor on every lattice point that some of (P, 3) float64 `points` round to, sized by its neighbours."""
-    lattice = Distinct.of(torch.round((points - frame.origin) / frame.voxel).long()).points
+    lattice = distinct(torch.round((points - frame.origin) / frame.voxel).long())[0]
     size = torch.log(_neighbour_distance(frame.voxel * lattice.double()).clamp_min(1e-4 * frame.voxel))
     return Anchors.fresh(lattice, size.float(), torch.zeros(len(lattice), latent, device=lattice.device))
 

@@ -10,17 +10,16 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from reference_encoder.training.alphabets import fit_alphabets
 from reference_encoder.training.anchors import ATTRIBUTES
-from reference_encoder.training.averages import Averages
-from reference_encoder.training.curriculum import Curriculum, Moment, moment
-from reference_encoder.training.emit import quantised_scene
-from reference_encoder.training.evaluate import Views
-from reference_encoder.training.growth import GRADIENT_LIMIT, grown
+from reference_encoder.training.densification import GRADIENT_LIMIT, densify
+from reference_encoder.training.export import fit_table_limits, quantise_scene
 from reference_encoder.training.index_entropy import JointIndexModel
-from reference_encoder.training.iterate import Mode, Outcome, iterate
-from reference_encoder.training.masks import first_layers, worth
-from reference_encoder.training.price import Prices
+from reference_encoder.training.iterate import iterate
+from reference_encoder.training.optimizer import WeightAverage
+from reference_encoder.training.presets import Curriculum, Moment, moment
+from reference_encoder.training.rate_controller import RateController
+from reference_encoder.training.similarity import View
+from reference_encoder.training.slot_importance import first_layers, measure_importance
 from reference_encoder.training.state import State
 from scarfmt.coding.writer import QuantisedScene
 
@@ -54,68 +53,64 @@ class Trainer:
 
     Attributes:
         state: what is learnt.
-        prices: of bits.
+        rate_controller: prices of bits.
         views, small: cameras and photos to learn from, whole and at half their size, if that is enough to see.
         curriculum: when what happens.
-        ssim_share: of 1 - SSIM in what a picture lacks.
         background: (3,) colour behind everything.
-        wander: see `Mode`.
+        camera_jitter: see `iterate`.
         iteration: how many are done.
         order: photos still to come before all are drawn again.
         joint: what learns to code indices along with the scene, if codewords carry features; on the processor.
         index_bits: L_feat of its last step, bits an anchor.
-        averages: of what is learnt.
+        averaging: of what is learnt.
         decided: `Moment.masks` of the last decision; `decided_at`: the iteration after which it was taken.
         noisy, indexed: whether noise, learning to code indices have begun.
     """
 
     state: State
-    prices: Prices
-    views: Views
-    small: Views
+    rate_controller: RateController
+    views: Sequence[View]
+    small: Sequence[View]
     curriculum: Curriculum
-    ssim_share: float
     background: Tensor
-    wander: float = 0.0
+    camera_jitter: float = 0.0
     iteration: int = 0
     order: list[int] = field(default_factory=list)
     joint: JointIndexModel | None = None
     index_bits: float = 0.0
-    averages: Averages = field(default_factory=Averages)
+    averaging: WeightAverage = field(default_factory=WeightAverage)
     decided: float = 0.0
     decided_at: int = 0
     noisy: bool = False
     indexed: bool = False
 
-    def step(self, done: float) -> Outcome:
-        """One iteration, when the fraction `done` of the run is behind."""
+    def step(self, done: float) -> float:
+        """One iteration, when the fraction `done` of the run is behind; its loss without rate."""
         now = moment(self.curriculum, done)
         self._begin(now)
-        mode = self._mode(now)
+        layer = self._draw_layer(now)
+        price = 0.0 if now.fine_tunes else now.rate * self.rate_controller.a_bit(layer)
         views = self.small if done < SMALL_UNTIL else self.views
-        camera, target = views[self._next_photo()]
-        outcome = iterate(self.state, camera, target, mode, self.background)
-        if outcome.bits is not None:
-            self.prices.saw(mode.layer, outcome.bits)
+        view = views[self._next_photo()]
+        loss, bits = iterate(self.state, view, now, layer, price, self.camera_jitter, self.background)
+        if bits is not None:
+            self.rate_controller.record_estimate(layer, bits)
         self.state.descent.step(done, lambda name: _share(name, now))
         if now.averages:
-            self.averages.take(averaged(self.state.descent.parameters))
+            self.averaging.update(averaged_parameters(self.state.descent.parameters))
         if self.state.vectors is not None:
             self.state.vectors.step()
         if self.joint is not None and now.entropy:
             self._learn_indices()
         self.iteration += 1
         self._restructure(now)
-        return outcome
+        return loss
 
-    def _mode(self, now: Moment) -> Mode:
-        plan = self.state.plan
-        layer = plan.count - 1
-        if now.draws_layer and plan.count > 1:
-            layer = self._drawn(plan.draws)
-        counts = now.gathers and layer == plan.count - 1
-        price = 0.0 if now.fine_tunes else now.rate * self.prices.a_bit(layer)
-        return Mode(layer, now, counts, price, self.ssim_share, self.wander)
+    def _draw_layer(self, now: Moment) -> int:
+        draws = self.state.plan.draws
+        if not now.draws_layer or len(draws) == 1:
+            return len(draws) - 1
+        return int(torch.multinomial(torch.tensor(draws), 1, generator=self.state.generator))
 
     def phase(self, done: float) -> str:
         """The current phase of learning, in a few words."""
@@ -131,7 +126,7 @@ class Trainer:
     def _begin(self, now: Moment) -> None:
         """Do what happens once, at the start of a phase."""
         if not now.averages:
-            self.averages.settle(averaged(self.state.descent.parameters))
+            self.averaging.apply(averaged_parameters(self.state.descent.parameters))
         if now.noisy or now.rounded:
             self._start_values()
         if now.quantises:
@@ -140,9 +135,9 @@ class Trainer:
         if now.hard and vectors is not None and not vectors.opened:
             vectors.open()
 
-    def settle(self) -> None:
+    def finish(self) -> None:
         """Make sure that there is a file to write, however early a run ends."""
-        self.averages.settle(averaged(self.state.descent.parameters))
+        self.averaging.apply(averaged_parameters(self.state.descent.parameters))
         self._start_values()
         self._start_vectors()
         if not self.decided:
@@ -161,8 +156,8 @@ class Trainer:
 
     def written(self) -> QuantisedScene:
         """All integers of the file as they would be now; cells that no table could serve are wider from now on."""
-        fit_alphabets(self.state)
-        return quantised_scene(self.state, {"training": {"iterations": self.iteration}}, len(self.state.anchors))
+        fit_table_limits(self.state)
+        return quantise_scene(self.state, {"training": {"iterations": self.iteration}}, len(self.state.anchors))
 
     def _learn_indices(self) -> None:
         assert self.joint is not None
@@ -178,34 +173,34 @@ class Trainer:
         if self._decision_due(now):
             self._decide_masks(now.rate, now.masks)
         elif now.rate > 0 and not now.decides and not now.fine_tunes and self.iteration % _STEER_EVERY == 0:
-            self.prices.steer()
+            self.rate_controller.adjust()
         if now.rate > 0 and self.iteration % _LOOK_EVERY == 0:
-            self.state.look_around()
+            self.state.update_neighbours()
 
     def checkpoint(self) -> dict[str, Any]:
         """All that a run needs to go on, for a checkpoint."""
         return {
             "state": self.state.checkpoint(),
-            "prices": {"price": self.prices.price, "estimate": self.prices.estimate, "real": self.prices.real},
+            "prices": {name: getattr(self.rate_controller, name) for name in ("price", "estimate", "real")},
             "iteration": self.iteration,
             "order": self.order,
             "decided": [self.decided, self.decided_at],
             "noisy": self.noisy,
             "joint": None if self.joint is None else self.joint.state(),
-            "averages": self.averages.state(),
+            "averages": self.averaging.state(),
         }
 
-    def resume(self, kept: dict[str, Any]) -> None:
+    def resume(self, saved: dict[str, Any]) -> None:
         """Go on from a checkpoint."""
-        self.state.resume(kept["state"])
-        for name, values in kept["prices"].items():
-            setattr(self.prices, name, list(values))
-        self.iteration, self.order = kept["iteration"], list(kept["order"])
-        self.decided, self.decided_at = kept["decided"]
-        self.noisy = kept["noisy"]
+        self.state.resume(saved["state"])
+        for name, values in saved["prices"].items():
+            setattr(self.rate_controller, name, list(values))
+        self.iteration, self.order = saved["iteration"], list(saved["order"])
+        self.decided, self.decided_at = saved["decided"]
+        self.noisy = saved["noisy"]
         if self.joint is not None:
-            self.joint.restore(kept["joint"])
-        self.averages.restore(kept["averages"], self.state.device)
+            self.joint.restore(saved["joint"])
+        self.averaging.restore(saved["averages"], self.state.device)
 
     def _decision_due(self, now: Moment) -> bool:
         since = self.iteration - self.decided_at
@@ -226,17 +221,15 @@ class Trainer:
         # Along the path of the camera, others each time.
         turn = round(_DECISIONS * masks)
         chosen = [self.small[(turn + place * len(self.small) // count) % len(self.small)] for place in range(count)]
-        found = worth(state, chosen, self.background, self.ssim_share)
+        importance = measure_importance(state, chosen, self.background)
         first = state.anchors.first
         born = state.anchors.born
-        young = (born > 0) & (born > self.iteration - _YOUNG)
+        recent = (born > 0) & (born > self.iteration - _YOUNG)
         allowed = first < state.plan.count
-        decided = first_layers(found, self.prices.follow(found, allowed, weight, keeps), allowed)
-        state.anchors.first = torch.where(young[:, None], first, decided)
+        prices = self.rate_controller.mask_prices(importance, allowed, weight, keeps)
+        decided = first_layers(importance, prices, allowed)
+        state.anchors.first = torch.where(recent[:, None], first, decided)
         self._keep((state.anchors.first < state.plan.count).any(dim=1))
-
-    def _drawn(self, weights: Sequence[float]) -> int:
-        return int(torch.multinomial(torch.tensor(weights), 1, generator=self.state.generator))
 
     def _next_photo(self) -> int:
         if not self.order:
@@ -250,7 +243,7 @@ class Trainer:
         centres = a.lattice[:, None].double() + (a.offsets * torch.exp(a.scaling[:, None, :3])).double() / (
             state.frame.voxel
         )
-        growth = grown(
+        growth = densify(
             a.lattice, centres, state.statistics, GRADIENT_LIMIT, int(_GROW_EVERY * _LEAST_DRAWN), state.generator
         )
         if len(growth.lattice):
@@ -259,14 +252,14 @@ class Trainer:
         self._keep(~unseen)
         state.anchors.scaling[:, 3:].clamp_(max=math.log(_LARGEST_AFTER_PRUNING * state.extent))
 
-    def _keep(self, kept: Tensor) -> None:
-        if not bool(kept.all()):
-            rows = kept.nonzero()[:, 0]
+    def _keep(self, wanted: Tensor) -> None:
+        if not bool(wanted.all()):
+            rows = wanted.nonzero()[:, 0]
             none = rows[:0]
-            self.state.rearrange(rows, self.state.anchors.taken(none))
+            self.state.rearrange(rows, self.state.anchors.select(none))
 
 
-def averaged(learnt: Mapping[str, Tensor]) -> dict[str, Tensor]:
+def averaged_parameters(learnt: Mapping[str, Tensor]) -> dict[str, Tensor]:
     """Parameters whose mean is taken, by name: values of anchors and the networks of the scene."""
     return {name: each for name, each in learnt.items() if name in ATTRIBUTES or name.startswith("networks.")}
 

@@ -6,21 +6,19 @@ Each dimension is Rice-coded by itself: trailing dimensions of a decorrelated la
 from __future__ import annotations
 
 import numpy as np
-from construct import this
 
 from scarfmt.arrays import I64
-from scarfmt.blocks.declare import U8, Bits, Check, Count, Record, Repeat, Rule, Scope, build, read
+from scarfmt.blocks.declare import U8, Check, Record, Repeat, Rule, Scope, bits, build, count, read
 from scarfmt.blocks.spec import BlockSpec, Writing, numbers
 from scarfmt.container.registries import BlockKind
 from scarfmt.errors import Malformed
-from scarfmt.scene.codebooks import MAX_CODEWORDS, MAX_LATENT
-from scarfmt.scene.model import first_layers
+from scarfmt.scene.model import MAX_CODEWORDS, MAX_LATENT, first_layers
 
 MAX_BOOKS = 2
 MAX_VALUE = 65535
 
 _DIMENSION = Record(
-    "words" / Bits(this.size) * "in codeword order",
+    "words" / bits("size") * "in codeword order",
     Rule(
         Check("R-7.8-1", "they are -65535..65535", "bad-codebook"),
         lambda at: int(np.abs(at["words"]).max()) <= MAX_VALUE,
@@ -30,29 +28,29 @@ _DIMENSION = Record(
 
 _BOOK = Record(
     "number" / U8 * "0: stage 1; 1: all later stages",
-    "size" / Count(MAX_CODEWORDS) * "codewords",
+    "size" / count(MAX_CODEWORDS) * "codewords",
     Rule(
         Check("R-7.8-1", "number is 0 or 1 and ascends, size is at least 1", "bad-codebook"),
         lambda at: _sound_head(at),
         lambda at: _bad(f"book {at['number']} of {at['size']} codewords"),
     ),
-    "components" / Repeat(this.d, _DIMENSION),
+    "components" / Repeat("d", _DIMENSION),
 )
 
 CODEBOOKS = Record(
-    "d" / Count(MAX_LATENT) * "latent dimensions",
+    "d" / count(MAX_LATENT) * "latent dimensions",
     Rule(
         Check("R-7.8-1", "d is at least 1", "bad-codebook"),
         lambda at: bool(at["d"]),
         lambda at: _bad("codewords of no dimensions"),
     ),
-    "book_count" / Count(MAX_BOOKS),
+    "book_count" / count(MAX_BOOKS),
     Rule(
         Check("R-7.8-1", "book_count is at least 1", "bad-codebook"),
         lambda at: at["book_count"] > 0,
         lambda at: _bad("the block holds no codebook"),
     ),
-    "books" / Repeat(this.book_count, _BOOK),
+    "books" / Repeat("book_count", _BOOK),
 )
 
 

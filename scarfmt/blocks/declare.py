@@ -1,28 +1,31 @@
 """Declaring the layout of a payload: records of named fields, arrays, repetitions and the rules between them.
 
-A declaration is data, written with the `construct` library's names (``"name" / element``), descriptions
-(``* "..."``, normative) and expressions (``this.rows * this.columns``). From one declaration come reading, packing,
-the listing that SPEC prints (:mod:`scarfmt.blocks.listing`) and `scarfmt dump`.
+A declaration is data: ``"name" / element * "description"``, where the description is normative. Counts and conditions
+are expressions in the names of earlier fields, such as ``"rows * columns"``. From one declaration come reading,
+packing, the listing that SPEC prints (:mod:`scarfmt.blocks.listing`) and `scarfmt dump`.
 
-Reading is not construct's own: a payload is not trusted, so counts have limits, arrays are checked against the bytes
-left before they are made, and rules are applied at the place in which they are declared (SPEC §12.2).
+A payload is not trusted: counts have limits, arrays are checked against the bytes left before they are made, and rules
+are applied at the place in which they are declared (SPEC §12.2).
 """
 
 from __future__ import annotations
 
+import copy
+import operator
 import struct
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple, Self
 
 import numpy as np
-from construct import Construct, Float64l, FormatField, Int8ul, Int32ul, Renamed
 
-from scarfmt.container.bytefields import ByteReader, signed_varint, unsigned_varint
+from scarfmt.container.bytefields import ByteReader, Trace, signed_varint, unsigned_varint
 from scarfmt.container.registries import Stream
-from scarfmt.container.schema import scalar_type
 from scarfmt.entropy.rice import pack_rice, pack_shifted, unpack_rice, unpack_shifted
 from scarfmt.errors import ScarError
+
+_NUMBERS = {"u1": "u8", "u4": "u32", "i1": "i8", "i2": "i16", "f4": "f32"}
+"""The names that SPEC has for types of numpy."""
 
 
 class Scope(dict[str, Any]):
@@ -36,71 +39,93 @@ class Scope(dict[str, Any]):
         return self._around[name]
 
 
-Values = Mapping[str, Any]
+class Element(ABC):
+    """A part of a payload.
 
+    Attributes:
+        name: of the field, None for what is no field.
+        docs: description of the field, which is normative.
+        spelled: type of the field, as SPEC prints it.
+    """
 
-class Trace(Protocol):
-    """Hears which bytes are what, as they are read."""
-
-    def enter(self, name: str | int, at: int) -> None:
-        """A field, or the item of this number of a repetition, begins at byte `at` of the payload."""
-
-    def leave(self, value: Any, at: int) -> None:
-        """The field that began last ends before byte `at` and has this value."""
-
-    def part(self, name: str, start: int, past: int, value: Any) -> None:
-        """Bytes `start` to `past` of the payload are a part of the field that has begun."""
-
-
-class Cursor(ByteReader):
-    """A reader of one payload that may be watched."""
-
-    def __init__(self, data: bytes, field: str, trace: Trace | None = None) -> None:
-        super().__init__(data, field)
-        self.trace = trace
-
-
-class Element(Construct, ABC):  # type: ignore[misc]  # construct has no types
-    """A part of a payload."""
-
+    name: str | None = None
+    docs = ""
     spelled = ""
-    """Type of the field, as SPEC prints it."""
+
+    def __rtruediv__(self, name: str) -> Self:
+        named = copy.copy(self)
+        named.name = name
+        return named
+
+    def __mul__(self, docs: str) -> Self:
+        described = copy.copy(self)
+        described.docs = docs
+        return described
 
     @abstractmethod
-    def take(self, reader: Cursor, scope: Scope) -> Any:
+    def take(self, reader: ByteReader, scope: Scope) -> Any:
         """Read it; `scope` has what was read before."""
 
-    @abstractmethod
-    def put(self, value: Any, scope: Values) -> bytes:
+    def put(self, value: Any, scope: Scope) -> bytes:
         """The bytes of a value."""
+        return b""
 
     def shown(self, value: Any) -> Any:
         """A value in the form of reports."""
         return value
 
 
-def evaluated(expression: Any, scope: Values) -> Any:
-    """The value of an expression of construct, or of a constant."""
-    return expression(scope) if callable(expression) else expression
+def formula(expression: str | int) -> Callable[[Scope], Any]:
+    """The value of an expression in the names of a scope."""
+    if isinstance(expression, int):
+        return lambda scope: expression
+    if expression.isidentifier():
+        return operator.itemgetter(expression)
+    code = compile(expression, "<declaration>", "eval")
+    return lambda scope: eval(code, {}, scope)
 
 
-class Scalar(Element):
-    """An integer or float of a fixed size, little-endian."""
+class Field(Element):
+    """A number, or an array whose length is known.
 
-    def __init__(self, field: FormatField, shown: Callable[[Any], Any] | None = None) -> None:
-        super().__init__()
-        self.code, self._shown = field.fmtstr[1:], shown
-        self.spelled, self.dtype = scalar_type(field)
-        self._struct = struct.Struct(field.fmtstr)
+    Args:
+        spelled: its type, as SPEC prints it.
+        take: reads it.
+        put: the bytes of a value.
+        shown: the form of a value in reports.
+        code: of the `struct` module, for numbers of a fixed size.
+    """
 
-    def take(self, reader: Cursor, scope: Scope) -> Any:
-        return self._struct.unpack(reader.take(self._struct.size))[0]
+    def __init__(
+        self,
+        spelled: str,
+        take: Callable[[ByteReader, Scope], Any],
+        put: Callable[[Any, Scope], bytes],
+        shown: Callable[[Any], Any] = lambda value: value,
+        code: str = "",
+    ) -> None:
+        self.spelled, self._take, self._put, self._shown, self.code = spelled, take, put, shown, code
 
-    def put(self, value: Any, scope: Values) -> bytes:
-        return self._struct.pack(value)
+    def take(self, reader: ByteReader, scope: Scope) -> Any:
+        return self._take(reader, scope)
+
+    def put(self, value: Any, scope: Scope) -> bytes:
+        return self._put(value, scope)
 
     def shown(self, value: Any) -> Any:
-        return value if self._shown is None else self._shown(value)
+        return self._shown(value)
+
+
+def scalar(spelled: str, code: str, shown: Callable[[Any], Any] = lambda value: value) -> Field:
+    """A number of a fixed size, by its code of the `struct` module."""
+    packed = struct.Struct("<" + code)
+    return Field(
+        spelled,
+        lambda reader, scope: packed.unpack(reader.take(packed.size))[0],
+        lambda value, scope: packed.pack(value),
+        shown,
+        code,
+    )
 
 
 def stream_name(number: int) -> str:
@@ -108,169 +133,127 @@ def stream_name(number: int) -> str:
     return f"{number} {Stream(number).name}" if number in set(Stream) else str(number)
 
 
-U8, U32, F64 = Scalar(Int8ul), Scalar(Int32ul), Scalar(Float64l)
-STREAM = Scalar(Int8ul, stream_name)
+U8, U32, F64 = scalar("u8", "B"), scalar("u32", "L"), scalar("f64", "d")
+STREAM = scalar("u8", "B", stream_name)
 """A stream kind, u8."""
 
 
-class Varint(Element):
+def varint(bits: int, shown: Callable[[int], Any] = lambda value: value) -> Field:
     """An unsigned LEB128 integer below 2^bits (SPEC §5.7)."""
-
-    def __init__(self, bits: int, shown: Callable[[int], Any] | None = None) -> None:
-        super().__init__()
-        self.bits, self.spelled, self._shown = bits, f"varint({bits})", shown
-
-    def take(self, reader: Cursor, scope: Scope) -> int:
-        return reader.unsigned(self.bits)
-
-    def put(self, value: int, scope: Values) -> bytes:
-        return unsigned_varint(value)
-
-    def shown(self, value: int) -> Any:
-        return value if self._shown is None else self._shown(value)
+    return Field(
+        f"varint({bits})",
+        lambda reader, scope: reader.unsigned(bits),
+        lambda value, scope: unsigned_varint(value),
+        shown,
+    )
 
 
-class SignedVarint(Element):
+def svarint(bits: int) -> Field:
     """A zigzag LEB128 integer whose mapped value is below 2^bits (SPEC §5.7)."""
-
-    def __init__(self, bits: int) -> None:
-        super().__init__()
-        self.bits, self.spelled = bits, f"svarint({bits})"
-
-    def take(self, reader: Cursor, scope: Scope) -> int:
-        return reader.signed(self.bits)
-
-    def put(self, value: int, scope: Values) -> bytes:
-        return signed_varint(value)
+    return Field(
+        f"svarint({bits})", lambda reader, scope: reader.signed(bits), lambda value, scope: signed_varint(value)
+    )
 
 
-class Count(Element):
+def count(limit: int) -> Field:
     """A LEB128 integer that counts things, of which there may be `limit` at most (SPEC §5.7)."""
-
-    def __init__(self, limit: int) -> None:
-        super().__init__()
-        self.limit, self.spelled = limit, f"count({limit})"
-
-    def take(self, reader: Cursor, scope: Scope) -> int:
-        return reader.count(self.limit)
-
-    def put(self, value: int, scope: Values) -> bytes:
-        return unsigned_varint(value)
+    return Field(
+        f"count({limit})", lambda reader, scope: reader.count(limit), lambda value, scope: unsigned_varint(value)
+    )
 
 
-class Varints(Element):
-    """(count,) int64: LEB128 integers below 2^bits, one after the other.
+def varints(
+    bits: int, number: str | int, refused: Callable[[Any, Scope], ScarError | None] = lambda values, scope: None
+) -> Field:
+    """(number,) int64: LEB128 integers below 2^bits, one after the other.
 
     Args:
-        bits, count: of each, and how many.
+        bits, number: of each, and how many.
         refused: what is wrong with the first so many of them, None if nothing.
     """
+    length = formula(number)
 
-    def __init__(
-        self, bits: int, count: Any, refused: Callable[[Any, Scope], ScarError | None] = lambda values, scope: None
-    ) -> None:
-        super().__init__()
-        self.bits, self.count, self._refused = bits, count, refused
-
-    @property
-    def item(self) -> str:
-        """The type of one."""
-        return f"varint({self.bits})"
-
-    def take(self, reader: Cursor, scope: Scope) -> Any:
-        count, start = evaluated(self.count, scope), reader.position
-        try:
-            values = reader.unsigned_array(self.bits, count)
-        except ScarError:
-            # What is wrong with an earlier one comes first (SPEC §12.2).
-            self._check(self._sound(reader, start, count), scope)
-            raise
-        self._check(values, scope)
-        return values
-
-    def _sound(self, reader: Cursor, start: int, count: int) -> Any:
-        """The items before the first that cannot be read."""
-        reader.rewind(start)
-        values: list[int] = []
-        try:
-            while len(values) < count:
-                values.append(reader.unsigned(self.bits))
-        except ScarError:
-            pass
-        return np.array(values, np.int64)
-
-    def _check(self, values: Any, scope: Scope) -> None:
-        error = self._refused(values, scope)
+    def check(values: Any, scope: Scope) -> None:
+        error = refused(values, scope)
         if error is not None:
             raise error
 
-    def put(self, value: Any, scope: Values) -> bytes:
-        return b"".join(map(unsigned_varint, value.tolist()))
+    def take(reader: ByteReader, scope: Scope) -> Any:
+        start = reader.position
+        try:
+            values = reader.unsigned_array(bits, length(scope))
+        except ScarError:
+            # What is wrong with an earlier one comes first (SPEC §12.2).
+            check(_before_the_fault(reader, start, bits), scope)
+            raise
+        check(values, scope)
+        return values
+
+    put = lambda value, scope: b"".join(map(unsigned_varint, value.tolist()))  # noqa: E731
+    return Field(f"{number} times varint({bits})", take, put)
 
 
-class Numbers(Element):
-    """(count,) numbers of a fixed size, little-endian.
+def _before_the_fault(reader: ByteReader, start: int, bits: int) -> Any:
+    """The integers from byte `start` to the first that cannot be read."""
+    reader.rewind(start)
+    values: list[int] = []
+    try:
+        while True:
+            values.append(reader.unsigned(bits))
+    except ScarError:
+        return np.array(values, np.int64)
+
+
+def array(dtypes: Mapping[int, str], number: str | int, width: str | int) -> Field:
+    """(number,) numbers of a fixed size, little-endian.
 
     Args:
         dtypes: their numpy type without byte order, by the number of bytes that `width` is.
-        count: how many.
+        number: how many.
         width: an expression, or a constant where all files have the same.
     """
+    length, size = formula(number), formula(width)
 
-    def __init__(self, dtypes: Mapping[int, str], count: Any, width: Any) -> None:
-        super().__init__()
-        self.dtypes, self.count, self.width = dtypes, count, width
+    def put(value: Any, scope: Scope) -> bytes:
+        return value if isinstance(value, bytes) else bytes(value.astype(f"<{dtypes[size(scope)]}").tobytes())
 
-    def take(self, reader: Cursor, scope: Scope) -> Any:
-        return reader.array(f"<{self.dtypes[evaluated(self.width, scope)]}", evaluated(self.count, scope))
-
-    def put(self, value: Any, scope: Values) -> bytes:
-        if isinstance(value, bytes):
-            return value
-        return bytes(value.astype(f"<{self.dtypes[evaluated(self.width, scope)]}").tobytes())
+    return Field(
+        f"{number} times {' or '.join(_NUMBERS[dtype] for dtype in dtypes.values())}",
+        lambda reader, scope: reader.array(f"<{dtypes[size(scope)]}", length(scope)),
+        put,
+    )
 
 
-class Bits(Element):
-    """(count,) int64, Rice-coded (SPEC §5.9); `shifted` where numbers may share zero bits at their end."""
+def bits(number: str | int, shifted: bool = False) -> Field:
+    """(number,) int64, Rice-coded (SPEC §5.9); `shifted` where numbers may share zero bits at their end."""
+    length = formula(number)
 
-    def __init__(self, count: Any, shifted: bool = False) -> None:
-        super().__init__()
-        self.count, self.shifted = count, shifted
-
-    def take(self, reader: Cursor, scope: Scope) -> Any:
-        count, start = evaluated(self.count, scope), reader.position
-        values = unpack_shifted(reader, count) if self.shifted else unpack_rice(reader, count)
+    def take(reader: ByteReader, scope: Scope) -> Any:
+        start = reader.position
+        values = unpack_shifted(reader, length(scope)) if shifted else unpack_rice(reader, length(scope))
         if reader.trace is not None:
-            self._report(reader, reader.trace, (start, reader.position), values)
+            _report_rice(reader, reader.trace, start, shifted, values)
         return values
 
-    def _report(self, reader: Cursor, trace: Trace, span: tuple[int, int], values: Any) -> None:
-        start, past = span
-        if self.shifted:
-            trace.part("shift", start, start + 1, reader.byte(start))
-            start += 1
-        parameter = reader.byte(start)
-        low = past - (len(values) * parameter + 7) // 8
-        trace.part("k", start, start + 1, parameter)
-        trace.part("quotients", start + 1, low, values)
-        trace.part("low", low, past, f"{len(values)} x {parameter} bits")
-
-    def put(self, value: Any, scope: Values) -> bytes:
-        return pack_shifted(value) if self.shifted else pack_rice(value)
+    put = lambda value, scope: pack_shifted(value) if shifted else pack_rice(value)  # noqa: E731
+    return Field(f"{'shifted' if shifted else 'rice'}({number})", take, put)
 
 
-class Blob(Element):
+def _report_rice(reader: ByteReader, trace: Trace, start: int, shifted: bool, values: Any) -> None:
+    if shifted:
+        trace.part("shift", start, start + 1, reader.byte(start))
+        start += 1
+    parameter, past = reader.byte(start), reader.position
+    low = past - (len(values) * parameter + 7) // 8
+    trace.part("k", start, start + 1, parameter)
+    trace.part("quotients", start + 1, low, values)
+    trace.part("low", low, past, f"{len(values)} x {parameter} bits")
+
+
+def blob(number: str | int) -> Field:
     """A number of bytes that another part reads."""
-
-    def __init__(self, count: Any) -> None:
-        super().__init__()
-        self.count = count
-
-    def take(self, reader: Cursor, scope: Scope) -> bytes:
-        return reader.take(evaluated(self.count, scope))
-
-    def put(self, value: bytes, scope: Values) -> bytes:
-        return value
+    length = formula(number)
+    return Field(f"{number} bytes", lambda reader, scope: reader.take(length(scope)), lambda value, scope: value)
 
 
 class Check(NamedTuple):
@@ -297,15 +280,11 @@ class Rule(Element):
     """
 
     def __init__(self, check: Check, holds: Callable[[Scope], bool], refusal: Callable[[Scope], ScarError]) -> None:
-        super().__init__()
         self.check, self._holds, self._refusal = check, holds, refusal
 
-    def take(self, reader: Cursor, scope: Scope) -> None:
+    def take(self, reader: ByteReader, scope: Scope) -> None:
         if not self._holds(scope):
             raise self._refusal(scope)
-
-    def put(self, value: None, scope: Values) -> bytes:
-        return b""
 
 
 class Derived(Element):
@@ -318,31 +297,25 @@ class Derived(Element):
     """
 
     def __init__(self, made: Callable[[Scope], Any], text: str = "", checks: Sequence[Check] = ()) -> None:
-        super().__init__()
         self._made, self.text, self.checks = made, text, checks
 
-    def take(self, reader: Cursor, scope: Scope) -> Any:
+    def take(self, reader: ByteReader, scope: Scope) -> Any:
         return self._made(scope)
-
-    def put(self, value: Any, scope: Values) -> bytes:
-        return b""
 
 
 class Record(Element):
     """Fields one after the other; read as a :class:`Scope` of their values, packed from any mapping of them."""
 
-    def __init__(self, *members: Any) -> None:
-        super().__init__()
+    def __init__(self, *members: Element) -> None:
         self.members = members
-        self._steps = [(member.name, unnamed(member)) for member in members]
-        self._runs = _fused(self._steps)
+        self._runs = _fused(members)
 
-    def take(self, reader: Cursor, scope: Scope) -> Scope:
+    def take(self, reader: ByteReader, scope: Scope) -> Scope:
         values = Scope(scope)
         self.fill(reader, values)
         return values
 
-    def fill(self, reader: Cursor, values: Scope) -> None:
+    def fill(self, reader: ByteReader, values: Scope) -> None:
         """Read the fields into `values`."""
         if reader.trace is not None:
             self._fill_watched(reader, reader.trace, values)
@@ -355,80 +328,74 @@ class Record(Element):
             else:
                 values[name] = element.take(reader, values)
 
-    def _fill_watched(self, reader: Cursor, trace: Trace, values: Scope) -> None:
-        for name, element in self._steps:
-            if name is None:
+    def _fill_watched(self, reader: ByteReader, trace: Trace, values: Scope) -> None:
+        for element in self.members:
+            if element.name is None:
                 element.take(reader, values)
                 continue
-            trace.enter(name, reader.position)
-            values[name] = element.take(reader, values)
-            trace.leave(element.shown(values[name]), reader.position)
+            trace.enter(element.name, reader.position)
+            value = values[element.name] = element.take(reader, values)
+            trace.leave(element.shown(value), reader.position)
 
-    def put(self, value: Values, scope: Values) -> bytes:
+    def put(self, value: Mapping[str, Any], scope: Scope) -> bytes:
         values = Scope(scope)
         values.update(value)
         return self.put_members(values)
 
-    def put_members(self, values: Values) -> bytes:
+    def put_members(self, values: Scope) -> bytes:
         """The bytes of the fields, whose values are in scope."""
         return b"".join(
-            element.put(None if name is None or isinstance(element, Derived) else values[name], values)
-            for name, element in self._steps
+            element.put(None if element.name is None or isinstance(element, Derived) else values[element.name], values)
+            for element in self.members
         )
 
 
-def unnamed(member: Any) -> Any:
-    """The element of a member, without its name and description."""
-    while isinstance(member, Renamed):
-        member = member.subcon
-    return member
-
-
-def _fused(steps: Sequence[tuple[str | None, Any]]) -> list[tuple[Any, Any]]:
-    """The steps, those of neighbouring scalars in one: they are read at once."""
+def _fused(members: Sequence[Element]) -> list[tuple[Any, Any]]:
+    """Names and elements; of neighbouring numbers of a fixed size in one, which are read at once."""
     out: list[tuple[Any, Any]] = []
     names: list[str | None] = []
     codes = ""
-    for name, element in [*steps, (None, None)]:
-        if isinstance(element, Scalar):
-            names.append(name)
+    for element in [*members, None]:
+        if isinstance(element, Field) and element.code:
+            names.append(element.name)
             codes += element.code
             continue
         if names:
             out.append((tuple(names), struct.Struct("<" + codes)))
             names, codes = [], ""
         if element is not None:
-            out.append((name, element))
+            out.append((element.name, element))
     return out
 
 
 class When(Element):
     """Members of the record around it that are there only under a condition."""
 
-    def __init__(self, condition: Any, *members: Any) -> None:
-        super().__init__()
+    def __init__(self, condition: str, *members: Element) -> None:
         self.condition, self.record = condition, Record(*members)
+        self._holds = formula(condition)
 
-    def take(self, reader: Cursor, scope: Scope) -> None:
-        if evaluated(self.condition, scope):
+    def take(self, reader: ByteReader, scope: Scope) -> None:
+        if self._holds(scope):
             self.record.fill(reader, scope)
 
-    def put(self, value: None, scope: Values) -> bytes:
-        return self.record.put_members(scope) if evaluated(self.condition, scope) else b""
+    def put(self, value: None, scope: Scope) -> bytes:
+        return self.record.put_members(scope) if self._holds(scope) else b""
 
 
 class Repeat(Element):
-    """A list of `count` items; an item sees its `index`, from 0, and the list of those `earlier`."""
+    """A list of items, `number` of them; an item sees its `index`, from 0, and the list of those `earlier`."""
 
-    def __init__(self, count: Any, item: Element) -> None:
-        super().__init__()
-        self.count, self.item = count, item
+    def __init__(self, number: str | int, item: Element) -> None:
+        self.number, self.item = number, item
+        self._length = formula(number)
+        self.spelled = f"{number} times {item.spelled}"
 
-    def take(self, reader: Cursor, scope: Scope) -> list[Any]:
+    def take(self, reader: ByteReader, scope: Scope) -> list[Any]:
         out: list[Any] = []
         around = Scope(scope)
         around["earlier"] = out
-        for index in range(evaluated(self.count, scope)):
+        for index in range(self._length(scope)):
             around["index"] = index
             if reader.trace is not None:
                 reader.trace.enter(index, reader.position)
@@ -438,7 +405,7 @@ class Repeat(Element):
             out.append(value)
         return out
 
-    def put(self, value: Sequence[Any], scope: Values) -> bytes:
+    def put(self, value: Sequence[Any], scope: Scope) -> bytes:
         around = Scope(scope)
         out = []
         for index, item in enumerate(value):
@@ -450,16 +417,17 @@ class Repeat(Element):
 class Use(Element):
     """A record declared elsewhere, under its name in SPEC and with its parameters."""
 
-    def __init__(self, name: str, record: Element, **parameters: Any) -> None:
-        super().__init__()
-        self.title, self.record, self.parameters = name, record, parameters
+    def __init__(self, title: str, record: Element, **parameters: str | int) -> None:
+        self.record = record
+        self.spelled = f"{title}({', '.join(map(str, parameters.values()))})"
+        self._parameters = [(name, formula(given)) for name, given in parameters.items()]
 
-    def take(self, reader: Cursor, scope: Scope) -> Any:
+    def take(self, reader: ByteReader, scope: Scope) -> Any:
         around = Scope(scope)
-        around.update({name: evaluated(given, scope) for name, given in self.parameters.items()})
+        around.update((name, given(scope)) for name, given in self._parameters)
         return self.record.take(reader, around)
 
-    def put(self, value: Any, scope: Values) -> bytes:
+    def put(self, value: Any, scope: Scope) -> bytes:
         return self.record.put(value, scope)
 
 
@@ -477,7 +445,7 @@ def read(record: Record, payload: bytes, field: str, trace: Trace | None = None,
         Malformed: ``payload-short``, ``payload-long``, ``bad-varint``, ``bad-rice``, or what a rule refuses.
         LimitExceeded: ``count-limit``.
     """
-    reader = Cursor(payload, field, trace)
+    reader = ByteReader(payload, field, trace)
     around = Scope({})
     around.update(parameters)
     values = record.take(reader, around)
@@ -485,6 +453,6 @@ def read(record: Record, payload: bytes, field: str, trace: Trace | None = None,
     return values
 
 
-def build(record: Record, values: Values, **parameters: Any) -> bytes:
+def build(record: Record, values: Mapping[str, Any], **parameters: Any) -> bytes:
     """The payload of `values`: the inverse of :func:`read`. Counts must be among them."""
-    return record.put(values, parameters)
+    return record.put(values, Scope(parameters))

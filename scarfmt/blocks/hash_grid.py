@@ -7,23 +7,22 @@ a one and a rANS stream of the table, entry by entry.
 from __future__ import annotations
 
 import numpy as np
-from construct import this
 
 from scarfmt.arrays import U8 as Bits
 from scarfmt.blocks.declare import (
     U8,
     U32,
-    Blob,
     Check,
-    Count,
     Derived,
     Record,
     Repeat,
     Rule,
     Scope,
-    Varint,
+    blob,
     build,
+    count,
     read,
+    varint,
 )
 from scarfmt.blocks.spec import BlockSpec, Writing, numbers
 from scarfmt.container.registries import BlockKind
@@ -35,10 +34,10 @@ from scarfmt.scene.model import first_neural_layer
 _PROBABILITY_ONE = 256
 
 _LEVEL = Record(
-    "plane" / Varint(32) * "axes: 0 xyz, 1 xy, 2 xz, 3 yz, 4 x, 5 y, 6 z",
-    "resolution" / Varint(32) * "cells along each axis",
-    "table_log2" / Varint(32) * "logarithm of the entries of a table that is not dense",
-    "features" / Varint(32) * "bits of an entry",
+    "plane" / varint(32) * "axes: 0 xyz, 1 xy, 2 xz, 3 yz, 4 x, 5 y, 6 z",
+    "resolution" / varint(32) * "cells along each axis",
+    "table_log2" / varint(32) * "logarithm of the entries of a table that is not dense",
+    "features" / varint(32) * "bits of an entry",
 )
 
 _SOUND_STREAM = (
@@ -54,18 +53,18 @@ _TABLE = Record(
         lambda at: Malformed("bad-grid", "the probability of a one must not be 0 (SPEC §10.6)", field="grid"),
     ),
     "length" / U32,
-    "stream" / Blob(this.length) * "one rANS stream (8.2)",
+    "stream" / blob("length") * "one rANS stream (8.2)",
     # Here, as a damaged stream is refused before the next level is read.
     "bits" / Derived(lambda at: _decoded(at), checks=_SOUND_STREAM),
 )
 
 HASH_GRID = Record(
-    "origin" / Repeat(3, Varint(32)) * "lattice coordinates x, y, z",
-    "extent_bits" / Varint(32) * "the box has sides of 2^extent_bits lattice steps",
-    "level_count" / Count(MAX_LEVELS),
-    "levels" / Repeat(this.level_count, _LEVEL),
+    "origin" / Repeat(3, varint(32)) * "lattice coordinates x, y, z",
+    "extent_bits" / varint(32) * "the box has sides of 2^extent_bits lattice steps",
+    "level_count" / count(MAX_LEVELS),
+    "levels" / Repeat("level_count", _LEVEL),
     "shapes" / Derived(lambda at: _checked_shapes(at), checks=(Check("R-10.6-1", "all of it", "bad-grid"),)),
-    "tables" / Repeat(this.level_count, _TABLE),
+    "tables" / Repeat("level_count", _TABLE),
 )
 
 
@@ -98,7 +97,7 @@ def _frequencies(ones: int) -> FrequencyTable:
 
 
 def pack_grid(grid: HashGrid) -> bytes:
-    """The payload of a HASH_GRID block: `grid` must pass its own check."""
+    """The payload of a HASH_GRID block: `grid` keeps SPEC §10.6."""
     fields = {
         "origin": grid.origin,
         "extent_bits": grid.extent_bits,

@@ -10,14 +10,11 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
-from construct import this
 
 from scarfmt.arrays import I32, Ints
 from scarfmt.blocks.declare import (
     U8,
-    Bits,
     Check,
-    Count,
     Derived,
     Record,
     Repeat,
@@ -25,7 +22,9 @@ from scarfmt.blocks.declare import (
     Scope,
     Use,
     When,
+    bits,
     build,
+    count,
     read,
 )
 from scarfmt.blocks.spec import BlockSpec, Writing, numbers
@@ -46,13 +45,12 @@ from scarfmt.neural.network import (
     IndexNetwork,
     Inputs,
 )
-from scarfmt.scene.codebooks import MAX_CODEWORDS
-from scarfmt.scene.model import first_neural_layer
+from scarfmt.scene.model import MAX_CODEWORDS, first_neural_layer
 
 _OWN, _ATTENTION = 1, 2
 
 MATRIX = Record(
-    "numbers" / Bits(this.rows * this.columns) * "row by row",
+    "numbers" / bits("rows * columns") * "row by row",
     # Here, as int32 would wrap a weight that the network's own check must see.
     Rule(
         Check("R-10.5-1", "they are -32767..32767", "bad-network"),
@@ -64,8 +62,8 @@ MATRIX = Record(
 
 LINEAR = Record(
     "shift" / U8,
-    "weights" / Use("matrix", MATRIX, rows=this.rows, columns=this.columns),
-    "biases" / Bits(this.rows, shifted=True),
+    "weights" / Use("matrix", MATRIX, rows="rows", columns="columns"),
+    "biases" / bits("rows", shifted=True),
 )
 """Parameters: `rows` and `columns`."""
 
@@ -78,27 +76,27 @@ def _linear(rows: Any, columns: Any) -> Use:
 _GRU = Record(
     "shift" / U8,
     When(
-        this.index == 0,
-        "Wi" / Repeat(this.head_count, Use("matrix", MATRIX, rows=3 * this.hidden, columns=this.codeword_dims + 1)),
+        "index == 0",
+        "Wi" / Repeat("head_count", Use("matrix", MATRIX, rows="3 * hidden", columns="codeword_dims + 1")),
     ),
-    When(this.index > 0, "Wi" / Repeat(1, Use("matrix", MATRIX, rows=3 * this.hidden, columns=this.hidden))),
-    "Wh" / Use("matrix", MATRIX, rows=3 * this.hidden, columns=this.hidden),
-    When(this.index == 0, "bi" / Bits(this.tokens * 3 * this.hidden, shifted=True)),
-    When(this.index > 0, "bi" / Bits(3 * this.hidden, shifted=True)),
-    "bh" / Bits(3 * this.hidden, shifted=True),
-    "start" / Bits(this.hidden, shifted=True),
+    When("index > 0", "Wi" / Repeat(1, Use("matrix", MATRIX, rows="3 * hidden", columns="hidden"))),
+    "Wh" / Use("matrix", MATRIX, rows="3 * hidden", columns="hidden"),
+    When("index == 0", "bi" / bits("(tokens * 3) * hidden", shifted=True)),
+    When("index > 0", "bi" / bits("3 * hidden", shifted=True)),
+    "bh" / bits("3 * hidden", shifted=True),
+    "start" / bits("hidden", shifted=True),
 )
 
 _HEAD = Record(
-    "size" / Count(MAX_CODEWORDS),
-    "cluster_count" / Count(MAX_CLUSTERS) * "0: flat; else two-level",
-    "clusters" / Repeat(this.cluster_count, Count(MAX_CODEWORDS)),
-    "project1" / _linear(this.codeword_dims + 1, this.mixed),
-    When(this.cluster_count > 0, "project2" / _linear(this.codeword_dims + 1, this.mixed)),
+    "size" / count(MAX_CODEWORDS),
+    "cluster_count" / count(MAX_CLUSTERS) * "0: flat; else two-level",
+    "clusters" / Repeat("cluster_count", count(MAX_CODEWORDS)),
+    "project1" / _linear("codeword_dims + 1", "mixed"),
+    When("cluster_count > 0", "project2" / _linear("codeword_dims + 1", "mixed")),
     "shift" / U8,
     "member_shift" / U8,
-    "cluster_biases" / Bits(this.cluster_count, shifted=True),
-    "biases" / Bits(this.size, shifted=True),
+    "cluster_biases" / bits("cluster_count", shifted=True),
+    "biases" / bits("size", shifted=True),
 )
 
 ENTROPY_NETWORK = Record(
@@ -106,18 +104,18 @@ ENTROPY_NETWORK = Record(
     "flags" / U8 * "bit 0: own; bit 1: attention",
     "latent_shift" / U8,
     "codeword_shift" / U8,
-    "classes" / Count(MAX_INPUTS) * "class columns",
-    "attributes" / Count(MAX_INPUTS) * "components of the attribute channels (10.2)",
-    "depths" / Count(MAX_INPUTS) * "how many occupancy targets there are",
-    "latents" / Count(MAX_INPUTS) * "latent dimensions that are looked at",
-    "grid" / Count(MAX_INPUTS) * "features of the hash grid",
-    "codeword_dims" / Count(MAX_CODEWORD_DIMS) * "dimensions of a codeword that are looked at",
-    "embed_width" / Count(MAX_WIDTH),
-    "hidden" / Count(MAX_WIDTH),
-    "mixed" / Count(MAX_WIDTH),
-    "gru_count" / Count(MAX_GRU_LAYERS) * "recurrent network layers",
-    "tokens" / Count(MAX_TOKENS) * "stages that a recurrent layer has biases for",
-    "head_count" / Count(MAX_HEADS),
+    "classes" / count(MAX_INPUTS) * "class columns",
+    "attributes" / count(MAX_INPUTS) * "components of the attribute channels (10.2)",
+    "depths" / count(MAX_INPUTS) * "how many occupancy targets there are",
+    "latents" / count(MAX_INPUTS) * "latent dimensions that are looked at",
+    "grid" / count(MAX_INPUTS) * "features of the hash grid",
+    "codeword_dims" / count(MAX_CODEWORD_DIMS) * "dimensions of a codeword that are looked at",
+    "embed_width" / count(MAX_WIDTH),
+    "hidden" / count(MAX_WIDTH),
+    "mixed" / count(MAX_WIDTH),
+    "gru_count" / count(MAX_GRU_LAYERS) * "recurrent network layers",
+    "tokens" / count(MAX_TOKENS) * "stages that a recurrent layer has biases for",
+    "head_count" / count(MAX_HEADS),
     Rule(
         Check("R-10.5-1", "all other flags are 0", "bad-network"),
         lambda at: not at["flags"] & ~(_OWN | _ATTENTION),
@@ -133,18 +131,18 @@ ENTROPY_NETWORK = Record(
         lambda at: at["N"] <= MAX_INPUTS,
         lambda at: _bad(f"{at['N']} input columns, at most {MAX_INPUTS}"),
     ),
-    "embed1" / _linear(this.embed_width, this.N),
-    "embed2" / _linear(this.hidden, this.embed_width),
-    "gru" / Repeat(this.gru_count, _GRU),
+    "embed1" / _linear("embed_width", "N"),
+    "embed2" / _linear("hidden", "embed_width"),
+    "gru" / Repeat("gru_count", _GRU),
     When(
-        this.flags & _ATTENTION,
-        "query" / _linear(this.hidden, this.hidden),
-        "key" / _linear(this.hidden, this.hidden),
-        "value" / _linear(this.hidden, this.hidden),
+        f"flags & {_ATTENTION}",
+        "query" / _linear("hidden", "hidden"),
+        "key" / _linear("hidden", "hidden"),
+        "value" / _linear("hidden", "hidden"),
         "score_shift" / U8,
     ),
-    "mixer" / _linear(this.mixed, 2 * this.hidden),
-    "heads" / Repeat(this.head_count, _HEAD),
+    "mixer" / _linear("mixed", "2 * hidden"),
+    "heads" / Repeat("head_count", _HEAD),
 )
 
 

@@ -5,23 +5,20 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from construct import this
-
 from scarfmt.blocks.declare import (
     F64,
     STREAM,
     U8,
     Check,
-    Count,
-    Numbers,
     Record,
     Repeat,
     Rule,
-    SignedVarint,
-    Varint,
     When,
+    array,
     build,
+    count,
     read,
+    varint,
 )
 from scarfmt.blocks.spec import BlockSpec, Reading, Writing
 from scarfmt.container.registries import BlockKind, Stream
@@ -32,31 +29,14 @@ from scarfmt.scene.model import (
     MAX_COMPONENTS,
     MAX_DEPTHS,
     Channel,
-    ContextRule,
     DecodedContext,
     LayerRow,
+    Opening,
 )
 from scarfmt.scene.streams import CHANNEL_STREAMS
 
 STATIC, NEURAL = 0, 1
 """Entropy modes: what codes INDICES, static tables or the index network (SPEC §10.4)."""
-
-Opening = tuple[tuple[Channel, ...], DecodedContext]
-"""The fields that only the LAYER block of layer 1 has."""
-
-_COMPONENT = Record(
-    "first_width" / F64 * "width of a cell after one step",
-    "by_class" / U8 * "context rule, 8.4",
-    Rule(
-        Check("R-7.11-2", "by_class is 0 or 1", "bad-channel"),
-        lambda at: at["by_class"] <= 1,
-        lambda at: Malformed("bad-channel", "by_class is not 0 or 1 (SPEC §8.4)", field="channels"),
-    ),
-    "source_channel" / U8 * "255: none",
-    "source_component" / U8,
-    "shift" / U8,
-    "low" / SignedVarint(33),
-)
 
 _CHANNEL = Record(
     "stream" / STREAM,
@@ -71,12 +51,12 @@ _CHANNEL = Record(
         lambda at: 1 <= at["components"] <= MAX_COMPONENTS,
         lambda at: Malformed("bad-channel", f"a channel of {at['components']} components", field="channels"),
     ),
-    "rules" / Repeat(this.components, _COMPONENT),
+    "first_widths" / Repeat("components", F64) * "of a cell after one step",
 )
 
 _CLASS = Record(
     "stages" / U8,
-    "steps" / Numbers({1: "u1"}, this.channel_count, 1) * "one a channel",
+    "steps" / array({1: "u1"}, "channel_count", 1) * "one a channel",
 )
 
 LAYER = Record(
@@ -89,15 +69,15 @@ LAYER = Record(
         ),
     ),
     When(
-        this.layer == 1,
-        "channel_count" / Count(MAX_CHANNELS),
-        "channels" / Repeat(this.channel_count, _CHANNEL),
+        "layer == 1",
+        "channel_count" / count(MAX_CHANNELS),
+        "channels" / Repeat("channel_count", _CHANNEL),
         "passes_log2" / U8 * "10.2",
-        "target_count" / Count(MAX_DEPTHS),
-        "occupancy_targets" / Repeat(this.target_count, Varint(16)) * "10.2",
+        "target_count" / count(MAX_DEPTHS),
+        "occupancy_targets" / Repeat("target_count", varint(16)) * "10.2",
     ),
-    "class_count" / Count(MAX_CLASSES),
-    "classes" / Repeat(this.class_count, _CLASS),
+    "class_count" / count(MAX_CLASSES),
+    "classes" / Repeat("class_count", _CLASS),
 )
 """Parameters: `layer`, 1-based; after layer 1, `channel_count`."""
 
@@ -117,18 +97,7 @@ def pack_layer(row: LayerRow, opening: Opening | None) -> bytes:
 
 
 def _channel_fields(channel: Channel) -> dict[str, Any]:
-    rules = [
-        {
-            "first_width": width,
-            "by_class": rule.by_class,
-            "source_channel": rule.source_channel,
-            "source_component": rule.source_component,
-            "shift": rule.shift,
-            "low": rule.low,
-        }
-        for width, rule in zip(channel.first_width, channel.rules, strict=True)
-    ]
-    return {"stream": channel.stream, "components": channel.components, "rules": rules}
+    return {"stream": channel.stream, "components": channel.components, "first_widths": channel.first_width}
 
 
 def unpack_layer(payload: bytes, layer: int, opening: Opening) -> tuple[LayerRow, Opening]:
@@ -153,11 +122,7 @@ def unpack_layer(payload: bytes, layer: int, opening: Opening) -> tuple[LayerRow
 
 
 def _channel(fields: Mapping[str, Any]) -> Channel:
-    rules = tuple(
-        ContextRule(bool(at["by_class"]), at["source_channel"], at["source_component"], at["low"], at["shift"])
-        for at in fields["rules"]
-    )
-    return Channel(Stream(fields["stream"]), tuple(at["first_width"] for at in fields["rules"]), rules)
+    return Channel(Stream(fields["stream"]), tuple(fields["first_widths"]))
 
 
 def _taken(writing: Writing) -> tuple[LayerRow, Opening | None]:

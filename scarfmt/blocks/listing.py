@@ -2,46 +2,15 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterator
-from typing import Any
 
-from scarfmt.blocks.declare import (
-    Bits,
-    Blob,
-    Check,
-    Derived,
-    Element,
-    Numbers,
-    Record,
-    Repeat,
-    Rule,
-    Use,
-    Varints,
-    When,
-    unnamed,
-)
+from scarfmt.blocks.declare import Check, Derived, Element, Record, Repeat, Rule, When
 
 _INDENT = 4
 _TYPES = 27
-_NAME = re.compile(r"this\['(\w+)'\]")
 
-
-def expression_text(expression: Any) -> str:
-    """An expression of construct as SPEC writes it."""
-    text = _NAME.sub(r"\1", repr(expression))
-    while text.startswith("(") and text.endswith(")") and _closes_last(text):
-        text = text[1:-1]
-    return text
-
-
-def _closes_last(text: str) -> bool:
-    depth = 0
-    for place, letter in enumerate(text):
-        depth += (letter == "(") - (letter == ")")
-        if depth == 0:
-            return place == len(text) - 1
-    return False
+_Row = tuple[int, str, str, str]
+"""Depth, name or what stands in its place, type, remark."""
 
 
 def listing(title: str, record: Record) -> str:
@@ -56,55 +25,29 @@ def listing(title: str, record: Record) -> str:
     return "\n".join(lines) + "\n"
 
 
-_Row = tuple[int, str, str, str]
-"""Depth, name or what stands in its place, type, remark."""
-
-
 def _rows(record: Record, depth: int) -> Iterator[_Row]:
     for member in record.members:
         yield from _member_rows(member, depth)
 
 
-def _member_rows(member: Any, depth: int) -> Iterator[_Row]:
-    element, name = unnamed(member), member.name
-    if isinstance(element, When):
-        yield depth, f"if {expression_text(element.condition)}:", "", ""
-        yield from _rows(element.record, depth + 1)
-    elif isinstance(element, Rule):
-        yield depth, *_checked(element.check)
-    elif isinstance(element, Derived):
-        if element.text:
-            yield depth, f"{name} = {element.text}", "", ""
-        for check in element.checks:
+def _member_rows(member: Element, depth: int) -> Iterator[_Row]:
+    name = member.name or ""
+    if isinstance(member, When):
+        yield depth, f"if {member.condition}:", "", ""
+        yield from _rows(member.record, depth + 1)
+    elif isinstance(member, Rule):
+        yield depth, *_checked(member.check)
+    elif isinstance(member, Derived):
+        if member.text:
+            yield depth, f"{name} = {member.text}", "", ""
+        for check in member.checks:
             yield depth, *_checked(check)
-    elif isinstance(element, Repeat) and isinstance(element.item, Record):
-        yield depth, name, f"{expression_text(element.count)} times:", member.docs
-        yield from _rows(element.item, depth + 1)
+    elif isinstance(member, Repeat) and isinstance(member.item, Record):
+        yield depth, name, f"{member.number} times:", member.docs
+        yield from _rows(member.item, depth + 1)
     else:
-        yield depth, name, spelled(element), member.docs
+        yield depth, name, member.spelled, member.docs
 
 
 def _checked(check: Check) -> tuple[str, str, str]:
     return f"check {check.number}: {check.holds}", "", f"else {check.otherwise}"
-
-
-def spelled(element: Element) -> str:
-    """The type of a field, as SPEC writes it."""
-    if isinstance(element, Repeat):
-        return f"{expression_text(element.count)} times {spelled(element.item)}"
-    if isinstance(element, Use):
-        values = ", ".join(expression_text(value) for value in element.parameters.values())
-        return f"{element.title}({values})"
-    if isinstance(element, Bits):
-        return f"{'shifted' if element.shifted else 'rice'}({expression_text(element.count)})"
-    if isinstance(element, Varints):
-        return f"{expression_text(element.count)} times {element.item}"
-    if isinstance(element, Numbers):
-        kinds = " or ".join(_NUMPY[kind] for kind in element.dtypes.values())
-        return f"{expression_text(element.count)} times {kinds}"
-    if isinstance(element, Blob):
-        return f"{expression_text(element.count)} bytes"
-    return str(element.spelled)
-
-
-_NUMPY = {"u1": "u8", "i1": "i8", "i2": "i16", "f4": "f32"}

@@ -8,11 +8,12 @@ import re
 from collections.abc import Mapping
 from typing import Any
 
+import numpy as np
+
 from scarfmt.errors import InvalidInput, LimitExceeded, Malformed
 from scarfmt.limits import MAX_METADATA_DEPTH
 
 _STRING = re.compile(rb'"[^"\\]*+(?:\\.[^"\\]*+)*+"?+', re.DOTALL)
-_BRACKET = re.compile(rb"[\[\]{}]")
 # Of JSON that was parsed: a pair of surrogates, one that is alone (the group), or any other escape.
 _ESCAPE = re.compile(r"\\u[dD][89abAB]..\\u[dD][c-fC-F]..|(\\u[dD][89a-fA-F]..)|\\.")
 
@@ -64,6 +65,22 @@ def parse_metadata(data: bytes, offset: int | None = None) -> dict[str, Any]:
     return value
 
 
+def check_registered(metadata: Mapping[str, Any], offset: int | None = None) -> None:
+    """Check the members whose meaning SPEC states (R-7.10-4).
+
+    Raises:
+        Malformed: ``bad-metadata``.
+    """
+    if "coordinate_reference" not in metadata:
+        return
+    found = metadata["coordinate_reference"]
+    origin = found.get("origin") if isinstance(found, dict) else None
+    numbers = isinstance(origin, list) and len(origin) == 3 and all(type(x) in (int, float) for x in origin)
+    if not (numbers and isinstance(found.get("crs"), str)):
+        message = "coordinate_reference is not {crs: string, origin: [x, y, z]} (SPEC §7.10)"
+        raise Malformed("bad-metadata", message, offset=offset, field="METADATA")
+
+
 def parse_json(data: bytes) -> Any:
     """The JSON value in some bytes; they are not nested deeper than the interpreter stands.
 
@@ -75,11 +92,9 @@ def parse_json(data: bytes) -> Any:
 
 def nesting(data: bytes) -> int:
     """How many brackets are open at once at most, those in strings aside, in any bytes (R-7.10-3)."""
-    depth = deepest = 0
-    for bracket in _BRACKET.findall(_STRING.sub(b"", data)):
-        depth += 1 if bracket in b"[{" else -1
-        deepest = max(deepest, depth)
-    return deepest
+    text = np.frombuffer(_STRING.sub(b"", data), np.uint8)
+    opened, closed = (np.isin(text, np.frombuffer(kind, np.uint8)).astype(np.int8) for kind in (b"[{", b"]}"))
+    return int(np.cumsum(opened - closed, dtype=np.int32).max(initial=0))
 
 
 def _refuse_constant(name: str) -> Any:

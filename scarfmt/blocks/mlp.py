@@ -11,12 +11,11 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from construct import this
 from numpy.typing import NDArray
 
 from scarfmt.arrays import F32, F64, I16
-from scarfmt.blocks.declare import U8, Check, Count, Numbers, Record, Repeat, Rule, Scope, build, read
-from scarfmt.blocks.spec import BlockSpec, Frame, Reading, Writing, numbers
+from scarfmt.blocks.declare import U8, Check, Record, Repeat, Rule, Scope, array, build, count, read
+from scarfmt.blocks.spec import BlockSpec, Reading, Writing, numbers
 from scarfmt.container.bytefields import compress, decompress
 from scarfmt.container.registries import BlockKind, Profile
 from scarfmt.errors import Malformed
@@ -29,13 +28,13 @@ MAX_MLP_BYTES = 16 << 20
 
 
 _LAYER = Record(
-    "rows" / Count(MAX_WIDTH) * "outputs",
+    "rows" / count(MAX_WIDTH) * "outputs",
     Rule(
         Check("R-7.9-1", "rows is at least 1", "bad-mlp"),
         lambda at: at["rows"] > 0,
         lambda at: _bad("a layer without outputs"),
     ),
-    "columns" / Count(MAX_WIDTH) * "inputs",
+    "columns" / count(MAX_WIDTH) * "inputs",
     Rule(
         Check("R-7.9-1", "columns is at least 1, and equals rows of the layer before", "bad-mlp"),
         lambda at: _fits(at),
@@ -47,14 +46,14 @@ _LAYER = Record(
         lambda at: at["width"] in (1, 2),
         lambda at: _bad(f"weights of {at['width']} bytes"),
     ),
-    "weights" / Numbers({1: "i1", 2: "i2"}, this.rows * this.columns, this.width) * "row by row",
-    "scales" / Numbers({4: "f4"}, this.rows, 4),
+    "weights" / array({1: "i1", 2: "i2"}, "rows * columns", "width") * "row by row",
+    "scales" / array({4: "f4"}, "rows", 4),
     Rule(
         Check("R-7.9-1", "they are finite", "bad-mlp"),
         lambda at: bool(np.isfinite(at["scales"]).all()),
         lambda at: _bad("scales must be finite"),
     ),
-    "biases" / Numbers({4: "f4"}, this.rows, 4),
+    "biases" / array({4: "f4"}, "rows", 4),
     Rule(
         Check("R-7.9-1", "they are finite", "bad-mlp"),
         lambda at: bool(np.isfinite(at["biases"]).all()),
@@ -63,16 +62,16 @@ _LAYER = Record(
 )
 
 _NETWORK = Record(
-    "layer_count" / Count(MAX_LAYERS),
+    "layer_count" / count(MAX_LAYERS),
     Rule(
         Check("R-7.9-1", "layer_count is at least 1", "bad-mlp"),
         lambda at: at["layer_count"] > 0,
         lambda at: _bad("a network needs a layer"),
     ),
-    "layers" / Repeat(this.layer_count, _LAYER),
+    "layers" / Repeat("layer_count", _LAYER),
 )
 
-NETWORKS = Record("network_count" / Count(MAX_NETWORKS), "networks" / Repeat(this.network_count, _NETWORK))
+NETWORKS = Record("network_count" / count(MAX_NETWORKS), "networks" / Repeat("network_count", _NETWORK))
 """The content of the frame of a DECODER_MLP or SCENE_MLP block."""
 
 
@@ -201,7 +200,8 @@ DECODER_SPEC = BlockSpec(
     elements="networks",
     layers=lambda model: numbers(first_layers(model)[2]),
     required=True,
-    frame=Frame(MAX_MLP_BYTES, "mlp"),
+    content_limit=MAX_MLP_BYTES,
+    field="mlp",
 )
 
 # Where the block is absent, the networks that are not there are refused (R-7.9-4).
@@ -215,5 +215,6 @@ SCENE_SPEC = BlockSpec(
     count=len,
     elements="networks",
     layers=_scene_layers,
-    frame=Frame(MAX_MLP_BYTES, "mlp"),
+    content_limit=MAX_MLP_BYTES,
+    field="mlp",
 )

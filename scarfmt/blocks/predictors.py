@@ -6,14 +6,11 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from construct import this
 
 from scarfmt.blocks.declare import (
     STREAM,
     U8,
-    Bits,
     Check,
-    Count,
     Derived,
     Record,
     Repeat,
@@ -21,7 +18,9 @@ from scarfmt.blocks.declare import (
     Scope,
     Use,
     When,
+    bits,
     build,
+    count,
     read,
 )
 from scarfmt.blocks.spec import BlockSpec
@@ -36,14 +35,14 @@ MAX_PREDICTORS = 1024
 
 LAYER_OF_PREDICTOR = Record(
     "shift" / U8,
-    "weights" / Bits(this.rows * (this.columns + this.classes - MAX_CLASSES)) * "row by row",
+    "weights" / bits(f"rows * ((columns + classes) - {MAX_CLASSES})") * "row by row",
     # Here, as int32 would wrap a weight that the layer's own check must see.
     Rule(
         Check("R-10.3-2", "they are -32767..32767", "bad-predictor"),
         lambda at: int(np.abs(at["weights"]).max(initial=0)) <= MAX_WEIGHT,
         lambda at: bad_predictor(f"a weight above {MAX_WEIGHT}"),
     ),
-    "biases" / Bits(this.rows, shifted=True),
+    "biases" / bits("rows", shifted=True),
 )
 """Parameters: `rows` and `columns`."""
 
@@ -63,19 +62,19 @@ _PREDICTOR = Record(
         lambda at: _sound_head(at),
         lambda at: bad_predictor("a record's head is out of range"),
     ),
-    When(this.units > 0, "hidden" / Use("layer", LAYER_OF_PREDICTOR, rows=this.units, columns=this.inputs)),
-    "output" / Use("layer", LAYER_OF_PREDICTOR, rows=2, columns=this.inputs + this.units),
+    When("units > 0", "hidden" / Use("layer", LAYER_OF_PREDICTOR, rows="units", columns="inputs")),
+    "output" / Use("layer", LAYER_OF_PREDICTOR, rows=2, columns="inputs + units"),
     "predictor" / Derived(lambda at: _checked(at), checks=(_SOUND,)),
 )
 
 PREDICTORS = Record(
-    "predictor_count" / Count(MAX_PREDICTORS),
+    "predictor_count" / count(MAX_PREDICTORS),
     Rule(
         Check("R-10.3-1", "predictor_count is at least 1", "bad-predictor"),
         lambda at: at["predictor_count"] > 0,
         lambda at: bad_predictor("the block holds no predictor"),
     ),
-    "predictors" / Repeat(this.predictor_count, _PREDICTOR),
+    "predictors" / Repeat("predictor_count", _PREDICTOR),
 )
 
 

@@ -22,18 +22,11 @@ BLOCKS: Mapping[int, BlockSpec] = {
         hash_grid.SPEC,
         index_network.SPEC,
         predictors.SPEC,
+        metadata_spec.THUMBNAIL_SPEC,
         metadata_spec.SPEC,
         streaming.SPEC,
     )
 }
 
-MODEL_BLOCKS = tuple(spec for spec in BLOCKS.values() if spec.kind < BlockKind.TILE)
+MODEL_BLOCKS = tuple(spec for spec in BLOCKS.values() if spec.kind <= BlockKind.PREDICTORS)
 """The kinds of blocks that a decoder needs."""
-
-
-def element_table() -> str:
-    """The table of rule R-5.4-19 in SPEC: the meaning of `count` in the directory for each block kind."""
-    lines = ["| kind | `count` | section |", "|---|---|---|"]
-    counted = (spec for spec in BLOCKS.values() if spec.kind != BlockKind.METADATA)
-    lines += [f"| {int(spec.kind)} {spec.kind.name} | {spec.elements} | §{spec.section} |" for spec in counted]
-    return "\n".join(lines) + "\n"

@@ -7,22 +7,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import Any
 
 from scarfmt.blocks.declare import Record
 from scarfmt.container.registries import BlockKind
-from scarfmt.scene.model import SceneModel
-
-if TYPE_CHECKING:
-    from scarfmt.blocks.layer import Opening
-    from scarfmt.blocks.mlp import QuantisedMlp
-    from scarfmt.blocks.streaming import Streaming
-    from scarfmt.entropy.keys import TableKey
-    from scarfmt.entropy.symbol_tables import SymbolTable
-    from scarfmt.neural.grid import HashGrid
-    from scarfmt.neural.network import IndexNetwork
-    from scarfmt.neural.predictors import Predictor
-    from scarfmt.scene.codebooks import Codebooks
+from scarfmt.entropy.keys import TableKey
+from scarfmt.entropy.symbol_tables import SymbolTable
+from scarfmt.scene.model import Opening, SceneModel
 
 Inflate = Callable[[bytes, int, str], bytes]
 """Decompresses a frame: its bytes, the most bytes its content may have, and what errors call it."""
@@ -43,57 +34,19 @@ class Reading:
     inflate: Inflate
 
 
-class ModelParts(Protocol):
-    """The parts from which blocks are written; :class:`scarfmt.coding.writer.QuantisedScene` implements it."""
-
-    @property
-    def model(self) -> SceneModel: ...
-    @property
-    def codebooks(self) -> Codebooks | None: ...
-    @property
-    def decoder(self) -> QuantisedMlp | None: ...
-    @property
-    def scene_mlps(self) -> tuple[QuantisedMlp, ...]: ...
-    @property
-    def metadata(self) -> Mapping[str, Any]: ...
-    @property
-    def predictors(self) -> Mapping[int, tuple[Predictor, ...]]: ...
-    @property
-    def network(self) -> IndexNetwork | None: ...
-    @property
-    def grid(self) -> HashGrid | None: ...
-    @property
-    def streaming(self) -> Streaming | None: ...
-
-
 @dataclass(frozen=True)
 class Writing:
     """A layer that is to be written.
 
     Attributes:
-        parts: of the scene.
+        parts: the :class:`scarfmt.coding.writer.QuantisedScene`, which is made of what blocks hold.
         layer: 1-based.
         tables: static tables that this layer sends.
     """
 
-    parts: ModelParts
+    parts: Any
     layer: int
     tables: Mapping[TableKey, SymbolTable]
-
-
-@dataclass(frozen=True)
-class Frame:
-    """A block that is one Zstandard frame.
-
-    Attributes:
-        limit: most bytes its content may have.
-        field: what errors call it.
-        counted: whether a reader limits what all such frames of a file unfold to together (SPEC §13.2).
-    """
-
-    limit: int
-    field: str
-    counted: bool = False
 
 
 def no_parameters(payload: bytes, reading: Reading) -> dict[str, Any]:
@@ -117,7 +70,9 @@ class BlockSpec:
         layers: model -> layers in which something first needs the block; it may stand nowhere else. None for kinds
             that may stand in any layer.
         required: whether it must stand in all of these.
-        frame: of blocks that are compressed.
+        content_limit: of a block that is one Zstandard frame, the most bytes its content may have; 0 for others.
+        field: what errors call that content.
+        counted: whether a reader limits what all such frames of a file unfold to together (SPEC §13.2).
         parameters: what the declaration is read with.
     """
 
@@ -131,7 +86,9 @@ class BlockSpec:
     elements: str
     layers: Callable[[SceneModel], Collection[int]] | None = None
     required: bool = False
-    frame: Frame | None = None
+    content_limit: int = 0
+    field: str = ""
+    counted: bool = False
     parameters: Callable[[bytes, Reading], dict[str, Any]] = no_parameters
 
 

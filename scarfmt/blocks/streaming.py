@@ -1,7 +1,4 @@
-"""STREAMING block: the boxes and gains by which a client chooses tiles and layers (SPEC §7.13). It decodes nothing.
-
-A tight box for each tile, what each layer of it gains seen from some viewpoints, and a view to begin with.
-"""
+"""STREAMING block: where the content of tiles is, and a view to begin with (SPEC §7.13). Nothing decodes from it."""
 
 from __future__ import annotations
 
@@ -9,57 +6,41 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from construct import this
 from numpy.typing import NDArray
 
 from scarfmt.arrays import F64
-from scarfmt.blocks.declare import U8, Check, Count, Numbers, Record, Rule, Scope, build, read
+from scarfmt.blocks.declare import Check, Record, Rule, Scope, array, build, count, read
 from scarfmt.blocks.spec import BlockSpec
 from scarfmt.container.file import Container, Entry
 from scarfmt.container.registries import BlockFlag, BlockKind
 from scarfmt.errors import Malformed, ScarError
-from scarfmt.limits import MAX_LAYERS, MAX_TILES, MAX_VIEWPOINTS
+from scarfmt.limits import MAX_TILES
 
-GAIN_STEPS = 4
-"""Steps of a gain, and of a reach, in an octave."""
-GAIN_OF_ONE, REACH_OF_SIDE = 255, 128
-"""The coded gain of a squared picture error of 1, and the coded reach of one side of the tile."""
+REACH_STEPS = 4
+"""Steps of a reach in an octave."""
+REACH_OF_SIDE = 128
+"""The coded reach of one side of the tile."""
 _VIEW = 10
 
 Levels = NDArray[np.uint8]
 
-
 STREAMING = Record(
-    "layer_count" / U8 * "layers that gains are told of",
-    Rule(
-        Check("R-7.13-1", "layer_count is 1..16", "bad-streaming"),
-        lambda at: 1 <= at["layer_count"] <= MAX_LAYERS,
-        lambda at: _bad(f"{at['layer_count']} layers: 1..{MAX_LAYERS} are possible"),
-    ),
-    "tile_count" / Count(MAX_TILES),
-    "view_count" / Count(1) * "1 if there is a view to begin with",
-    "view" / Numbers({4: "f4"}, this.view_count * _VIEW, 4) * "position, target, up, vertical field in radians",
+    "tile_count" / count(MAX_TILES),
+    "view_count" / count(1) * "1 if there is a view to begin with",
+    "view" / array({4: "f4"}, f"view_count * {_VIEW}", 4) * "position, target, up, vertical field in radians",
     Rule(
         Check("R-7.13-1", "its numbers are finite, its field is between 0 and π", "bad-streaming"),
         lambda at: _is_view(at["view"]),
         lambda at: _bad("the view is not one"),
     ),
-    "viewpoint_count" / Count(MAX_VIEWPOINTS),
-    "viewpoints" / Numbers({4: "f4"}, this.viewpoint_count * 3, 4) * "x, y, z of each",
-    Rule(
-        Check("R-7.13-1", "they are finite", "bad-streaming"),
-        lambda at: bool(np.isfinite(at["viewpoints"]).all()),
-        lambda at: _bad("a viewpoint is not finite"),
-    ),
-    "low" / Numbers({1: "u1"}, this.tile_count * 3, 1) * "x, y, z of each tile, in 1/256 of its side",
-    "high" / Numbers({1: "u1"}, this.tile_count * 3, 1),
+    "low" / array({1: "u1"}, "tile_count * 3", 1) * "x, y, z of each tile, in 1/256 of its side",
+    "high" / array({1: "u1"}, "tile_count * 3", 1),
     Rule(
         Check("R-7.13-1", "low is at most high", "bad-streaming"),
         lambda at: bool((at["low"] <= at["high"]).all()),
         lambda at: _bad("a box ends before it begins"),
     ),
-    "reach" / Numbers({1: "u1"}, this.tile_count, 1),
-    "gains" / Numbers({1: "u1"}, this.viewpoint_count * this.layer_count * this.tile_count, 1),
+    "reach" / array({1: "u1"}, "tile_count", 1),
 )
 
 
@@ -89,23 +70,18 @@ class View:
 
 @dataclass(frozen=True)
 class Streaming:
-    """The values of a STREAMING block for T tiles, L layers and V viewpoints.
+    """The values of a STREAMING block for T tiles.
 
     Attributes:
         low, high: (T, 3) uint8 corners of the tight box of the anchors' positions, in 1/256 of the side of a tile;
             `high` belongs to it.
         reach: (T,) uint8, 0 for none, else how far splats stick out of that box: side * 2^((reach - 128) / 4).
-        viewpoints: (V, 3) float32, world units.
-        gains: (V, L, T) uint8, 0 for none, else the squared picture error that the layer takes away there:
-            2^((gain - 255) / 4).
         view: to begin with, or None.
     """
 
     low: Levels
     high: Levels
     reach: Levels
-    viewpoints: NDArray[np.float32]
-    gains: Levels
     view: View | None = None
 
     @property
@@ -113,27 +89,18 @@ class Streaming:
         """T."""
         return len(self.reach)
 
-    @property
-    def layers(self) -> int:
-        """L."""
-        return int(self.gains.shape[1])
-
 
 def pack_streaming(streaming: Streaming) -> bytes:
     """The payload of a STREAMING block."""
     view = streaming.view
-    told = np.zeros(0) if view is None else np.array([*view.position, *view.target, *view.up, view.fov])
+    numbers = np.zeros(0) if view is None else np.array([*view.position, *view.target, *view.up, view.fov])
     fields = {
-        "layer_count": streaming.layers,
         "tile_count": streaming.tiles,
         "view_count": int(view is not None),
-        "view": told,
-        "viewpoint_count": len(streaming.viewpoints),
-        "viewpoints": streaming.viewpoints.ravel(),
+        "view": numbers,
         "low": streaming.low.ravel(),
         "high": streaming.high.ravel(),
         "reach": streaming.reach,
-        "gains": streaming.gains.ravel(),
     }
     return build(STREAMING, fields)
 
@@ -146,15 +113,7 @@ def unpack_streaming(payload: bytes) -> Streaming:
         LimitExceeded: ``count-limit``.
     """
     at = read(STREAMING, payload, "STREAMING")
-    tiles, viewpoints = at["tile_count"], at["viewpoint_count"]
-    return Streaming(
-        low=at["low"].reshape(tiles, 3),
-        high=at["high"].reshape(tiles, 3),
-        reach=at["reach"],
-        viewpoints=at["viewpoints"].reshape(viewpoints, 3),
-        gains=at["gains"].reshape(viewpoints, at["layer_count"], tiles),
-        view=_view(at),
-    )
+    return Streaming(at["low"].reshape(-1, 3), at["high"].reshape(-1, 3), at["reach"], _view(at))
 
 
 def _view(at: Scope) -> View | None:
@@ -188,8 +147,6 @@ def checked_streaming(container: Container, entry: Entry, payload: bytes) -> Str
         found = unpack_streaming(payload)
         if found.tiles != header.tile_count:
             raise _bad(f"{found.tiles} tiles, the file has {header.tile_count}")
-        if found.layers < header.layer_count:
-            raise _bad(f"gains of {found.layers} layers, the file has {header.layer_count}")
     except ScarError as error:
         raise type(error)(error.refusal, error.message, offset=entry.offset, field="STREAMING") from error
     return found
@@ -213,6 +170,6 @@ SPEC = BlockSpec(
     parse=lambda payload, reading: unpack_streaming(payload),
     pack=pack_streaming,
     taken=lambda writing: writing.parts.streaming if writing.layer == 1 else None,
-    count=lambda streaming: len(streaming.viewpoints),
-    elements="viewpoints",
+    count=lambda streaming: streaming.tiles,
+    elements="tiles",
 )

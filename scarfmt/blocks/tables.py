@@ -6,25 +6,23 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
-from construct import this
 
 from scarfmt.arrays import I64
-from scarfmt.blocks.columns import ColumnReader
 from scarfmt.blocks.declare import (
     Check,
-    Count,
     Record,
     Repeat,
     Rule,
     Scope,
-    SignedVarint,
-    Varint,
-    Varints,
     build,
+    count,
     read,
     stream_name,
+    svarint,
+    varint,
+    varints,
 )
-from scarfmt.blocks.spec import BlockSpec, Frame, Reading
+from scarfmt.blocks.spec import BlockSpec, Reading
 from scarfmt.container.bytefields import compress, unsigned_varint
 from scarfmt.container.registries import BlockKind
 from scarfmt.entropy.keys import TableKey
@@ -40,36 +38,32 @@ _WEIGHT_BITS = (3, 5, 7, 9, 11, 13)
 
 
 _TABLE = Record(
-    "key" / Varint(32, lambda number: _key_text(number)),
+    "key" / varint(32, lambda number: _key_text(number)),
     Rule(
         Check("R-8.3-1", "keys ascend", "bad-table"),
         lambda at: _ascends(at),
         lambda at: _bad_table("table keys must ascend strictly"),
     ),
-    "size" / Count(MAX_ALPHABET) * "symbols",
+    "size" / count(MAX_ALPHABET) * "symbols",
     Rule(
         Check("R-8.3-1", "size is at least 1", "bad-table"),
         lambda at: at["size"] > 0,
         lambda at: _bad_table("a table needs at least one symbol"),
     ),
-    "first" / SignedVarint(33) * "first value of the alphabet",
+    "first" / svarint(33) * "first value of the alphabet",
     Rule(
         Check("R-8.3-1", "the value is -(2^31 - 1)..2^31 - 1", "bad-table"),
         lambda at: abs(at["first"]) < _VALUE,
         lambda at: _beyond(),
     ),
     "gaps"
-    / Varints(32, this.size - 1, lambda gaps, at: _refused_gaps(gaps, at))
+    / varints(32, "size - 1", lambda gaps, at: _refused_gaps(gaps, at))
     * "each value is the one before + gap + 1; R-8.3-1 holds of each",
-    "weights" / Varints(24, this.size, lambda weights, at: _refused_weights(weights)) * "R-8.3-1 holds of each",
+    "weights" / varints(24, "size", lambda weights, at: _refused_weights(weights)) * "R-8.3-1 holds of each",
 )
 
-_COUNT = Count(MAX_TABLES)
-
-TABLES = Record("table_count" / _COUNT, "tables" / Repeat(this.table_count, _TABLE))
+TABLES = Record("table_count" / count(MAX_TABLES), "tables" / Repeat("table_count", _TABLE))
 """The content of the frame of a TABLES block."""
-
-_READER = ColumnReader(_COUNT, _TABLE)
 
 
 def _key_text(number: int) -> str:
@@ -138,9 +132,6 @@ def unpack_tables(content: bytes) -> dict[TableKey, SymbolTable]:
     Raises:
         Malformed: ``bad-table`` for a record that breaks SPEC §8.3.
     """
-    found = _unpack_sound(content)
-    if found is not None:
-        return found
     tables = read(TABLES, content, "tables")["tables"]
     return {TableKey.from_number(table["key"]): _table(table) for table in tables}
 
@@ -149,27 +140,6 @@ def _table(at: Scope) -> SymbolTable:
     alphabet = np.full(at["size"], at["first"], np.int64)
     alphabet[1:] += np.cumsum(at["gaps"] + 1)
     return SymbolTable(alphabet, at["weights"])
-
-
-def _unpack_sound(content: bytes) -> dict[TableKey, SymbolTable] | None:
-    """The tables of a content that breaks no rule, all numbers at once; None of any other."""
-    columns = _READER.read(content)
-    if columns is None:
-        return None
-    keys, sizes, first = (columns.scalars[name] for name in ("key", "size", "first"))
-    weights, ends = columns.arrays["weights"], np.cumsum(sizes)
-    begins = ends - sizes
-    steps = np.zeros(len(weights), np.int64)
-    later = np.ones(len(weights), np.bool_)
-    later[begins] = False
-    steps[later] = columns.arrays["gaps"] + 1
-    running = np.cumsum(steps)
-    alphabet = running + np.repeat(first - running[begins], sizes)
-    sound = bool((np.diff(keys) > 0).all() and weights.all() and (np.abs(alphabet) < _VALUE).all())
-    if not sound:
-        return None
-    spans = zip(keys.tolist(), begins.tolist(), ends.tolist(), strict=True)
-    return {TableKey.from_number(key): SymbolTable(alphabet[a:b], weights[a:b]) for key, a, b in spans}
 
 
 SPEC = BlockSpec(
@@ -181,7 +151,9 @@ SPEC = BlockSpec(
     taken=lambda writing: writing.tables or None,
     count=len,
     elements="table records",
-    frame=Frame(MAX_TABLES_BYTES, "tables", counted=True),
+    content_limit=MAX_TABLES_BYTES,
+    field="tables",
+    counted=True,
 )
 
 

@@ -23,12 +23,10 @@ from scarfmt.cli.decode import decode
 from scarfmt.cli.dump import dump
 from scarfmt.cli.encode import encode
 from scarfmt.cli.failures import FailureGroup
-from scarfmt.cli.index import index
 from scarfmt.cli.inspect import inspect
 from scarfmt.cli.merge import merge
 from scarfmt.cli.render import render
 from scarfmt.cli.split import split
-from scarfmt.cli.stream import stream
 from scarfmt.cli.train import train
 from scarfmt.cli.truncate import truncate
 from scarfmt.cli.validate import validate
@@ -40,19 +38,23 @@ __all__ = ["cli", "main"]
 def _version(context: click.Context, _option: click.Parameter, wanted: bool) -> None:
     if not wanted or context.resilient_parsing:
         return
-    from scarfmt.engines import described
+    from scarfmt.native.binding import described
 
     click.echo(f"scarfmt, version {__version__}\nengine: {described()}")
     context.exit()
 
 
-@click.group(cls=FailureGroup, context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100})
+@click.group(
+    "scarfmt",
+    cls=FailureGroup,
+    context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100},
+)
 @click.option(
-    "--version", is_flag=True, expose_value=False, is_eager=True, callback=_version,
+    "--version", "-V", is_flag=True, expose_value=False, is_eager=True, callback=_version,
     help="Show the version, and which engine computes, and exit.",
 )  # fmt: skip
 def cli() -> None:
-    """Make, read and judge .scar files: progressive neural-compressed 3D Gaussian scenes.
+    """Compress, view and measure 3D Gaussian splats (.scar files).
 
     \b
     A first round:
@@ -70,8 +72,8 @@ def cli() -> None:
 
 
 for _command in (
-    *(encode, train, view, stream, decode, convert, inspect, truncate, split, merge),
-    *(index, validate, dump, compare, render, conformance, completion),
+    *(encode, train, view, decode, convert, inspect, truncate, split, merge),
+    *(validate, dump, compare, render, conformance, completion),
 ):
     cli.add_command(_command)
 

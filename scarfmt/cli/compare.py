@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+import math
+import warnings
 from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any
 
 import click
 
 from scarfmt.cli.failures import requires_extra, warnings_on_stderr
-from scarfmt.cli.files import check_stdout, print_json, timeout_option
-from scarfmt.cli.progress import Report, progress
+from scarfmt.cli.files import check_stdout, timeout_option
+from scarfmt.cli.progress import Tell, progress
+from scarfmt.cli.report import Report, reports
 from scarfmt.cli.views import EVERYWHERE, LISTED, ViewOptions, listed_cameras, view_options, views_of
+from scarfmt.errors import InputWarning
 
 if TYPE_CHECKING:
     from scarfmt.cli.scenes import SceneOrigin, Subject
@@ -35,6 +39,8 @@ class Request:
     photos: str | None
 
 
+_MIDDLE = (0.1, 0.9)
+"""Quantiles between which most Gaussians of a scene lie, on each axis."""
 _STATISTICS = ("mean_psnr_db", "p5_psnr_db", "worst_psnr_db", "mean_ssim", "worst_ssim")
 
 
@@ -68,8 +74,8 @@ class Quality:
 @click.option("--ssim/--no-ssim", default=True, show_default=True, help="Compute SSIM, which takes as long as drawing.")
 @click.option("--photos", type=click.Path(exists=True),
               help="Folder with cameras and images/. Compare A and B with these photos.")  # fmt: skip
-@click.option("--json", "as_json", is_flag=True, help="Print a JSON object on stdout; infinite PSNR is null.")
 @timeout_option
+@reports
 @requires_extra("render")
 def compare(
     a: str,
@@ -79,9 +85,8 @@ def compare(
     all_layers: bool,
     ssim: bool,
     photos: str | None,
-    as_json: bool,
     **views: Any,
-) -> None:
+) -> Report:
     """Draw the scenes A and B from the same cameras and report PSNR (dB) and SSIM of B against A.
 
     A and B are any scene files: .scar (path or URL), PLY, SPZ, SOG, .splat or anchor models. A places the cameras, so
@@ -103,32 +108,41 @@ def compare(
     from scarfmt.cli.scenes import scene_origin
 
     check_stdout()
-    with warnings_on_stderr(), progress(as_json) as report:
+    with warnings_on_stderr(), progress() as report:
         request = Request(options, listed_cameras(options), ssim, photos)
         first, second = scene_origin(a), scene_origin(b)
         if all_layers:
             rows = _compare_layers(first, layers_a, second, request, report)
         else:
             result = _compare_pair(first, layers_a, second, layers_b, request, report)
-    if all_layers:
-        _print_layers(a, b, rows, as_json)
-    else:
-        _print_pair(a, b, result, as_json)
+    return _layers_report(a, b, rows) if all_layers else _pair_report(a, b, result)
 
 
 def _compare_pair(
-    a: SceneOrigin, layers_a: int | None, b: SceneOrigin, layers_b: int | None, request: Request, report: Report
+    a: SceneOrigin, layers_a: int | None, b: SceneOrigin, layers_b: int | None, request: Request, report: Tell
 ) -> dict[str, Quality]:
     """Quality of B against A under ``b``; with photos, quality of each scene against them under ``a`` and ``b``."""
     from scarfmt.cli.scenes import load_subject
 
-    first, second = load_subject(a, layers_a), load_subject(b, layers_b)
+    first = load_subject(a, layers_a)
+    second = load_subject(b, layers_b).beside(first)
+    _warn_if_apart(first, second)
     if request.photos is not None:
         return {name: _with_photos(subject, request) for name, subject in (("a", first), ("b", second))}
     return {"b": _against(first, second, request, report)}
 
 
-def _against(first: Subject, second: Subject, request: Request, report: Report) -> Quality:
+def _warn_if_apart(first: Subject, second: Subject) -> None:
+    """Say that scenes do not meet: their formats may have lost an origin, or have axes of other signs."""
+    import numpy as np
+
+    (low_a, high_a), (low_b, high_b) = (np.quantile(s.placed.positions, _MIDDLE, axis=0) for s in (first, second))
+    if (low_a > high_b).any() or (low_b > high_a).any():
+        message = "the scenes lie apart, so that these figures tell nothing: was an origin left out, or an axis turned?"
+        warnings.warn(message, InputWarning, stacklevel=2)
+
+
+def _against(first: Subject, second: Subject, request: Request, report: Tell) -> Quality:
     from scarfmt.render.compare import compare
 
     kinds = {LISTED: request.listed} if request.listed else views_of(first.placed, request.views, EVERYWHERE)
@@ -150,7 +164,7 @@ def _with_photos(subject: Subject, request: Request) -> Quality:
 
 
 def _compare_layers(
-    a: SceneOrigin, layers_a: int | None, b: SceneOrigin, request: Request, report: Report
+    a: SceneOrigin, layers_a: int | None, b: SceneOrigin, request: Request, report: Tell
 ) -> list[dict[str, Any]]:
     """One row for each complete layer of B: its number, bytes, bytes per Gaussian, PSNR and SSIM."""
     from scarfmt.cli.scenes import layer_table, load_subject
@@ -160,8 +174,8 @@ def _compare_layers(
     table = layer_table(b)
     for layer in table:
         report(f"layer {layer['layer']}", (layer["layer"] - 1) / len(table))
-        second = load_subject(b, layer["layer"])
-        quiet: Report = lambda _stage, _part: None  # noqa: E731
+        second = load_subject(b, layer["layer"]).beside(first)
+        quiet: Tell = lambda _stage, _part: None  # noqa: E731
         result = _with_photos(second, request) if request.photos else _against(first, second, request, quiet)
         rows.append(
             {
@@ -175,46 +189,50 @@ def _compare_layers(
     return rows
 
 
-def _print_pair(a: str, b: str, results: dict[str, Quality], as_json: bool) -> None:
-    if as_json:
-        print_json({"a": a, "b": b, "results": {name: _as_json(result) for name, result in results.items()}})
-        return
+def _pair_report(a: str, b: str, results: dict[str, Quality]) -> Report:
+    document = {"a": a, "b": b, "results": {name: _as_json(result) for name, result in results.items()}}
+    lines = []
     for name, result in results.items():
-        click.echo(f"{b} against {a}" if len(results) == 1 else f"{a if name == 'a' else b} against the photos")
+        lines.append(f"{b} against {a}" if len(results) == 1 else f"{a if name == 'a' else b} against the photos")
         views = result.views
         width = max(len("worst"), *map(len, views.names))
         similarities: tuple[float | None, ...] = views.ssim or (None,) * len(views.names)
         for view in zip(views.names, views.psnr_db, similarities, strict=True):
-            click.echo(_row(view[0], width, *view[1:]))
+            lines.append(_row(view[0], width, *view[1:]))
         if len(result.kinds) > 1:
             for kind, part in result.kinds.items():
-                _print_summary(f"of {kind}:", part, width)
-        _print_summary("of all views:", views, width)
+                lines += _summary(f"of {kind}:", part, width)
+        lines += _summary("of all views:", views, width)
+    return Report(document, "\n".join(lines), table=True)
 
 
-def _print_summary(title: str, views: Comparison, width: int) -> None:
+def _summary(title: str, views: Comparison, width: int) -> list[str]:
     has_ssim = bool(views.ssim)
-    click.echo(title)
-    click.echo(_row("mean", width, views.mean_psnr_db, views.mean_ssim if has_ssim else None))
-    click.echo(_row("5 %", width, views.p5_psnr_db, None))
-    click.echo(_row("worst", width, views.worst_psnr_db, views.worst_ssim if has_ssim else None))
+    return [
+        title,
+        _row("mean", width, views.mean_psnr_db, views.mean_ssim if has_ssim else None),
+        _row("5 %", width, views.p5_psnr_db, None),
+        _row("worst", width, views.worst_psnr_db, views.worst_ssim if has_ssim else None),
+    ]
 
 
 def _row(name: str, width: int, decibels: float, similarity: float | None) -> str:
     end = "" if similarity is None else f"  {similarity:7.4f} SSIM"
-    return f"  {name:<{width}}  {decibels:7.2f} dB{end}"
+    return f"  {name:<{width}}  {_decibels(decibels)}{end}"
+
+
+def _decibels(value: float) -> str:
+    return f"{value:7.2f} dB" if value < math.inf else f"{'equal':>10}"
 
 
 def _as_json(result: Quality) -> dict[str, Any]:
     return {**asdict(result.views), **result.summary()}
 
 
-def _print_layers(a: str, b: str, rows: list[dict[str, Any]], as_json: bool) -> None:
-    if as_json:
-        print_json({"a": a, "b": b, "layers": rows})
-        return
-    click.echo("layer         bytes  bytes/Gaussian  PSNR dB    5 %  worst    SSIM")
+def _layers_report(a: str, b: str, rows: list[dict[str, Any]]) -> Report:
+    lines = ["layer         bytes  bytes/Gaussian  PSNR mean        5 %      worst    SSIM"]
     for row in rows:
         line = f"{row['layer']:>5}  {row['bytes']:>12,}  {row['bytes_per_source']:>14.2f}"
-        decibels = f"{row['mean_psnr_db']:>7.2f}  {row['p5_psnr_db']:>5.2f}  {row['worst_psnr_db']:>5.2f}"
-        click.echo(f"{line}  {decibels}  {row['mean_ssim']:>6.4f}")
+        decibels = " ".join(_decibels(row[f"{name}_psnr_db"]) for name in ("mean", "p5", "worst"))
+        lines.append(f"{line}  {decibels}  {row['mean_ssim']:>6.4f}")
+    return Report({"a": a, "b": b, "layers": rows}, "\n".join(lines), table=True)

@@ -19,13 +19,19 @@ class _Elsewhere(click.Group):
     """A command group that takes its commands and help from the other distribution, if that is installed."""
 
     def list_commands(self, ctx: click.Context) -> list[str]:
-        return _commands().list_commands(ctx)
+        try:
+            return _commands().list_commands(ctx)
+        except InvalidInput:
+            return []
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
         return _commands().get_command(ctx, cmd_name)
 
     def format_help(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        _commands().format_help(ctx, formatter)
+        try:
+            _commands().format_help(ctx, formatter)
+        except InvalidInput:
+            super().format_help(ctx, formatter)
 
 
 def _commands() -> click.Group:
@@ -45,4 +51,4 @@ def _commands() -> click.Group:
     return group
 
 
-conformance = _Elsewhere("conformance", short_help="Score any decoder against the test vectors.")
+conformance = _Elsewhere("conformance", help=_ABSENT, short_help="Score any decoder against the test vectors.")

@@ -7,8 +7,9 @@ from typing import Any
 import click
 
 from scarfmt.cli.failures import requires_extra, warnings_on_stderr
-from scarfmt.cli.inputs import FORMAT_IDS, read_scene
-from scarfmt.cli.outputs import SUFFIXES, open_scene_output, output_format, output_options, report_written, spz_options
+from scarfmt.cli.inputs import FORMAT_IDS, read_scene, render_model_option
+from scarfmt.cli.outputs import SUFFIXES, open_scene_output, output_format, output_options, spz_options, written_report
+from scarfmt.cli.report import Report, reports
 
 
 @click.command(short_help="Convert a scene between PLY, SPZ, glTF and others.")
@@ -17,10 +18,12 @@ from scarfmt.cli.outputs import SUFFIXES, open_scene_output, output_format, outp
 @click.option("--from", "from_", type=click.Choice(FORMAT_IDS), help="Format of INPUT [default: from content].")
 @click.option("--format", "format_id", type=click.Choice(list(SUFFIXES)), help="Format of OUTPUT [default: its name].")
 @click.option("--sh-degree", type=click.IntRange(0, 3), help="Drop spherical harmonics above this degree.")
-@click.option("--drop-invalid", is_flag=True, help="Leave out Gaussians with NaN or infinite values.")
+@click.option("--drop-invalid", is_flag=True, help="Leave out Gaussians with NaN, and tell how many show.")
+@render_model_option
 @spz_options
 @click.option("--force", is_flag=True, help="Overwrite OUTPUT if it exists.")
 @click.option("--quiet", "-q", is_flag=True, help="Print nothing but errors.")
+@reports
 @requires_extra("import")
 def convert(
     input_: str,
@@ -29,15 +32,16 @@ def convert(
     format_id: str | None,
     sh_degree: int | None,
     drop_invalid: bool,
+    render_model: str | None,
     force: bool,
     quiet: bool,
     **said: Any,
-) -> None:
+) -> Report:
     """Convert the scene INPUT into OUTPUT. Either may be - (stdin, stdout).
 
     INPUT is any format that 'encode' reads, except an anchor model, which has no fixed Gaussians. The whole scene is
-    read into memory. OUTPUT is a .ply, .compressed.ply, .spz, .glb or .gltf. The command reports what the format of
-    OUTPUT cannot hold. To convert a .scar file, use 'decode'.
+    read into memory. OUTPUT is a .ply, .compressed.ply, .spz, .glb, .gltf, .sog, .splat or .usdc. The command reports
+    what the format of OUTPUT cannot hold. To convert a .scar file, use 'decode'.
 
     \b
     Examples:
@@ -51,10 +55,8 @@ def convert(
     from scarfmt.scene.gaussians import GaussianScene
 
     with warnings_on_stderr(quiet), open_scene_output(output, format_id, options, force) as out:
-        scene = read_scene(input_, from_, sh_degree, drop_invalid, quiet)
+        scene = read_scene(input_, from_, sh_degree, drop_invalid, render_model)
         if not isinstance(scene, GaussianScene):
             raise click.UsageError("an anchor model has no fixed Gaussians: encode it, then decode with --bake")
-        written = out.write(Described(scene.sh_degree), [scene])
-        done = report_written(written, quiet)
-    if not quiet:
-        click.echo(done, err=True)
+        written = out.write(Described.of(scene), [scene])
+        return written_report((input_, output), written, {"format": format_id})

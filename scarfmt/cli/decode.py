@@ -4,42 +4,44 @@ from __future__ import annotations
 
 import math
 import time
+import warnings
 from typing import TYPE_CHECKING, Any, BinaryIO
 
 import click
 
-from scarfmt.cli.decode_scene import VIEW_OPTIONS, write_part
-from scarfmt.cli.eye import eye_options
+from scarfmt.cli.camera_options import camera_of, camera_options
 from scarfmt.cli.failures import requires_extra, warnings_on_stderr
-from scarfmt.cli.files import STANDARD, open_input, opens_index, print_json, timeout_option
-from scarfmt.cli.outputs import SUFFIXES, open_scene_output, output_format, output_options, report_written, spz_options
+from scarfmt.cli.files import open_input, timeout_option
+from scarfmt.cli.outputs import SUFFIXES, open_scene_output, output_format, output_options, spz_options, written_report
 from scarfmt.cli.progress import progress
+from scarfmt.cli.report import Report, reports
 from scarfmt.cli.stats import decode_stats, format_stats, whole_file
 from scarfmt.cli.views import CAMERAS_HELP
+from scarfmt.errors import InputWarning
 from scarfmt.scene.streams import ATTRIBUTES
 
 if TYPE_CHECKING:
+    from reference_decoder.bake import Baking
+    from reference_decoder.decode import DecodeRequest
     from reference_decoder.decoded import Decoded
-    from reference_decoder.request import DecodeRequest
-    from reference_decoder.stream_ply import Baking
+    from reference_decoder.lod_selection import LevelOfDetail
     from scarfmt.cli.outputs import SceneOutput
     from scarfmt.container.source import ByteSource
     from scarfmt.counters import Counters
+    from scarfmt.formats.output import Written
 
 FORMATS = (*SUFFIXES, "npz")
+VIEW_OPTIONS = ("camera", "target", "up", "fov", "size", "budget", "outside")
+"""Options that select a view. If any of them is given, only what the view needs is decoded."""
 ATTRIBUTES_HELP = f"Decode only some attributes, into an .npz: {', '.join(ATTRIBUTES)}."
 
 
-def parse_box(
-    _ctx: click.Context, _parameter: click.Parameter, value: str | None
-) -> tuple[list[float], list[float]] | None:
+def parse_box(value: str) -> tuple[list[float], list[float]]:
     """Lowest and highest corner of `X0,Y0,Z0,X1,Y1,Z1`.
 
     Raises:
         click.BadParameter: not six finite numbers.
     """
-    if value is None:
-        return None
     try:
         numbers = [float(part) for part in value.split(",")]
     except ValueError:
@@ -49,28 +51,24 @@ def parse_box(
     return numbers[:3], numbers[3:]
 
 
-def parse_tiles(_ctx: click.Context, _parameter: click.Parameter, value: str | None) -> list[int] | None:
+def parse_tiles(value: str) -> list[int]:
     """Tile indices of `I,J,...`.
 
     Raises:
         click.BadParameter: not natural numbers.
     """
-    if value is None:
-        return None
     parts = value.split(",")
     if not all(part.isdecimal() for part in parts):
         raise click.BadParameter(f"{value!r} is not tile numbers separated by commas")
     return [int(part) for part in parts]
 
 
-def parse_attributes(_ctx: click.Context, _parameter: click.Parameter, value: str | None) -> list[str] | None:
+def parse_attributes(value: str) -> list[str]:
     """Names of `NAME,...`.
 
     Raises:
         click.BadParameter: a name that no attribute has.
     """
-    if value is None:
-        return None
     names = value.split(",")
     if not set(names) <= set(ATTRIBUTES):
         raise click.BadParameter(f"{value!r}: choose from {', '.join(ATTRIBUTES)}")
@@ -82,31 +80,24 @@ def parse_attributes(_ctx: click.Context, _parameter: click.Parameter, value: st
 @click.argument("output")
 @click.option("--format", "format_id", type=click.Choice(FORMATS), help="Format of OUTPUT [default: its name].")
 @click.option("--layers", type=click.IntRange(min=1), help="Layers to decode, from the first [default: all].")
-@click.option("--box", metavar="X0,Y0,Z0,X1,Y1,Z1", callback=parse_box, help="Decode only what lies in this box.")
-@click.option("--tiles", metavar="I,J,...", callback=parse_tiles, help="Decode only these tiles.")
-@eye_options
+@click.option("--box", metavar="X0,Y0,Z0,X1,Y1,Z1", type=parse_box, help="Decode only what lies in this box.")
+@click.option("--tiles", metavar="I,J,...", type=parse_tiles, help="Decode only these tiles.")
+@camera_options
 @click.option("--budget", type=click.IntRange(min=1), metavar="N", help="Maximum number of Gaussians for the view.")
 @click.option("--outside", is_flag=True, help="Also decode the first layer of tiles outside the picture.")
-@click.option("--attributes", metavar="NAME,...", callback=parse_attributes, help=ATTRIBUTES_HELP)
+@click.option("--attributes", metavar="NAME,...", type=parse_attributes, help=ATTRIBUTES_HELP)
 @click.option("--bake", is_flag=True, help="Convert an anchor model to fixed Gaussians. This loses quality.")
 @click.option("--cameras", type=click.Path(exists=True), help=f"Cameras to --bake for: {CAMERAS_HELP}.")
 @click.option("--bake-steps", type=click.IntRange(min=0), help="Number of pictures that refine --bake [default: 256].")
 @click.option("--allow-truncated", is_flag=True,
               help="Decode the complete layers of a truncated file instead of refusing it.")  # fmt: skip
 @click.option("--threads", type=click.IntRange(1, 256), help="Number of threads [default: one for each processor].")
-@click.option(
-    "--backend",
-    type=click.Choice(["auto", "kernel", "numpy", "torch", "cuda"]),
-    default="auto",
-    show_default=True,
-    help="Engine that computes. Exact values do not depend on it.",
-)
 @spz_options
 @click.option("--stats", is_flag=True, help="Report bytes read, work done and time on stderr.")
-@click.option("--json", "as_json", is_flag=True, help="Print the report of --stats as a JSON object on stdout.")
 @click.option("--force", is_flag=True, help="Overwrite OUTPUT if it exists.")
 @click.option("--quiet", "-q", is_flag=True, help="Print nothing but errors.")
 @timeout_option
+@reports
 @requires_extra("render")
 def decode(
     input_: str,
@@ -116,20 +107,15 @@ def decode(
     cameras: str | None,
     bake_steps: int | None,
     stats: bool,
-    as_json: bool,
     force: bool,
     quiet: bool,
     **wanted: Any,
-) -> None:
+) -> Report:
     """Decode INPUT (a path, a URL or - for stdin) into OUTPUT (a path, or - for stdout).
 
-    INPUT may be a scene index. Its files are then decoded one after the other, each at its place in the scene.
-
-    The name of OUTPUT says its format; standard output gets a PLY unless --format says otherwise. A .ply holds
-    Gaussians as INRIA's trainer writes them. A .glb or .gltf (with its .bin) holds floats with
-    KHR_gaussian_splatting. A .spz or .compressed.ply is quantised; the command reports what the format cannot hold. An
-    .npz holds the arrays of the scene. The .npz of an anchor model can be read by 'encode' and 'compare'. From a URL,
-    the command transfers the first 64 KiB, and then only the ranges it needs.
+    The name of OUTPUT says its format; standard output gets a PLY unless --format says otherwise. The command reports
+    what the format cannot hold. An .npz holds the arrays of the scene; that of an anchor model can be encoded again.
+    From a URL, only the ranges that are needed are transferred.
 
     With --budget or a view (--camera, --target, --up, --fov), the view decides how many layers of each tile are
     decoded: many of near tiles, few of far tiles, none of tiles outside the picture. Options of the view that are left
@@ -139,78 +125,89 @@ def decode(
     Examples:
       scarfmt decode scene.scar scene.ply
       scarfmt decode https://example.org/scene.scar preview.ply --layers 1 --stats
-      scarfmt decode scene.scar scene.glb
       scarfmt decode scene.scar scene.spz --spz-version 3
       scarfmt decode scene.scar corner.ply --box -1,-1,-1,1,1,1
-      scarfmt decode scene.scar points.npz --attributes positions,opacity
-      scarfmt decode city.scar.json seen.ply --camera 0,-2,-8 --target 0,0,0 --budget 2000000
+      scarfmt decode scene.scar seen.ply --camera 0,-2,-8 --target 0,0,0 --budget 2000000
     """
     format_id = output_format(output, format_id, others=(".npz",))
     options = output_options(format_id, wanted)
     view = {name: wanted.pop(name) for name in VIEW_OPTIONS}
     if not bake and (cameras is not None or bake_steps is not None):
         raise click.UsageError("--cameras and --bake-steps are for --bake")
-    _check_output(output, format_id, wanted["attributes"] is not None, as_json)
-    from reference_decoder.request import DecodeRequest
+    if any(view.values()) and (bake or wanted["attributes"] is not None):
+        raise click.UsageError("--bake and --attributes are for a whole file, not for what a view needs")
+    if wanted["attributes"] is not None and format_id != "npz":
+        raise click.UsageError("--attributes needs an .npz output: other formats hold all attributes")
+    from reference_decoder.decode import DecodeRequest
     from scarfmt.counters import Counters
+    from scarfmt.native.binding import described
 
     request = DecodeRequest(**wanted)
-    counters = Counters()
-    start = time.perf_counter()
-    with warnings_on_stderr(quiet):
+    start, counters = time.perf_counter(), Counters()
+    with warnings_on_stderr(quiet), open_input(input_) as source:
         baking = _baking(cameras, bake_steps) if bake else None
-    with open_scene_output(output, format_id, options, force) as out, open_input(input_) as source:
-        done, whole = _write(input_, source, out, baking, request, view, counters, quiet)
-    if not quiet:
-        click.echo(done, err=True)
-    if stats or as_json:
-        _report(decode_stats(counters, time.perf_counter() - start, _engine(request), whole), stats, as_json)
+        with open_scene_output(output, format_id, options, force) as out:
+            if any(view.values()):
+                detail = _level_of_detail(source, request, view)
+                written = _write_view(source, out, request, detail, counters)
+            else:
+                written = _write_file(source, out, baking, request, counters, quiet)
+            if not written.count and request.box is not None:
+                _warn_outside(source, request)
+        counters.bytes_read, counters.reads = source.bytes_read, source.reads
+        found = decode_stats(counters, time.perf_counter() - start, described(), whole_file(source))
+        lines = [format_stats(found)] if stats else []
+        return written_report((input_, output), written, {"format": format_id, **found}, *lines)
 
 
-def _check_output(output: str, format_id: str, attributes: bool, as_json: bool) -> None:
-    if attributes and format_id != "npz":
-        raise click.UsageError("--attributes needs an .npz output: other formats hold all attributes")
-    if as_json and output == STANDARD:
-        raise click.UsageError("--json prints on standard output: give OUTPUT a file name")
+def _warn_outside(source: ByteSource, request: DecodeRequest) -> None:
+    """Warn that a box is empty, and tell where the scene is."""
+    from reference_decoder.region import tile_boxes
+    from scarfmt.coding.reader import SceneReader
+
+    reader = SceneReader(source, limits=request.limits, allow_truncated=request.allow_truncated)
+    low, high = tile_boxes(reader.lattice, reader.container.tile_table)
+    corners = ",".join(f"{value:g}" for value in (*low.min(axis=0), *high.max(axis=0))) if len(low) else "nowhere"
+    warnings.warn(f"nothing lies in the box; the scene lies in {corners}", InputWarning, stacklevel=2)
 
 
-def _engine(request: DecodeRequest) -> str:
-    from reference_decoder.backends import described
-
-    return described(request.backend)
-
-
-def _report(found: dict[str, Any], stats: bool, as_json: bool) -> None:
-    if stats:
-        click.echo(format_stats(found), err=True, nl=False)
-    if as_json:
-        print_json(found)
-
-
-def _write(
-    name: str,
+def _write_view(
     source: ByteSource,
     out: SceneOutput,
-    baking: Baking | None,
     request: DecodeRequest,
-    view: dict[str, Any],
+    view: LevelOfDetail,
     counters: Counters,
-    quiet: bool,
-) -> tuple[str, dict[str, int]]:
-    """Write a scene, a file or a part of it.
+) -> Written:
+    """Write what a view needs."""
+    from reference_decoder.lod_selection import iter_view
+    from reference_decoder.stream_gaussians import describe_output
+    from scarfmt.coding.reader import SceneReader
+    from scarfmt.formats.output import Written
+    from scarfmt.scene.gaussians import concatenate
 
-    Returns:
-        A sentence about what was written, and the totals of the whole scene.
-    """
-    opened = source.bytes_read, source.reads
-    scene = opens_index(source) or any(view.values())
-    looked = source.bytes_read - opened[0], source.reads - opened[1]
-    if scene:
-        return write_part(name, source, out, request, view, baking, counters, quiet)
-    done = _write_file(source, out, baking, request, counters, quiet)
-    # Reads that only found out whether this is a file or an index are not counted as decoding.
-    counters.bytes_read, counters.reads = source.bytes_read - looked[0], source.reads - looked[1]
-    return done, whole_file(source)
+    reader = SceneReader(source, limits=request.limits, allow_truncated=True)
+    parts = iter_view(source, request, view, counters)
+    if out.format_id == "npz":
+        import numpy as np
+
+        scene = concatenate(list(parts), reader.header.fields.sh_degree)
+        np.savez(out.target, **scene.arrays())
+        return Written(len(scene), ())
+    return out.write(describe_output(reader), parts)
+
+
+def _level_of_detail(source: ByteSource, request: DecodeRequest, values: dict[str, Any]) -> LevelOfDetail:
+    """The view that `values` of `VIEW_OPTIONS` name; what they leave out is the file's view."""
+    from reference_decoder.lod_selection import LevelOfDetail
+    from reference_decoder.region import tile_boxes
+    from scarfmt.blocks.streaming import read_streaming
+    from scarfmt.coding.reader import SceneReader
+
+    reader = SceneReader(source, limits=request.limits, allow_truncated=request.allow_truncated)
+    streaming = read_streaming(reader.container)
+    boxes = tile_boxes(reader.lattice, reader.container.tile_table)
+    camera = camera_of(values, boxes, None if streaming is None else streaming.view)
+    return LevelOfDetail(camera, values["budget"], values["outside"])
 
 
 def _write_file(
@@ -220,37 +217,21 @@ def _write_file(
     request: DecodeRequest,
     counters: Counters,
     quiet: bool,
-) -> str:
-    """Write the contents of a file; returns a sentence about what was written."""
+) -> Written:
+    """Write the contents of a file."""
     if out.format_id == "npz":
         return _write_npz(source, out.target, request, counters)
-    _check_gaussians(source, baking)
     from reference_decoder.stream_gaussians import stream_gaussians
-    from reference_decoder.stream_ply import export_ply
-    from scarfmt.formats.output import Written
 
-    with progress(quiet) as report:
-        how: Any = {"baking": baking, "counters": counters, "report": report}
-        if out.format_id == "ply":
-            written = Written(export_ply(source, out.target, request, **how), ())
-        else:
-            written = out.write(*stream_gaussians(source, request, **how))
-    return report_written(written, quiet)
-
-
-def _check_gaussians(source: ByteSource, baking: Baking | None) -> None:
-    """Refuse an anchor model when --bake is not given."""
-    from scarfmt.container.file import read_header
-    from scarfmt.container.schema import Profile
-
-    header = read_header(source, allow_truncated=True)
-    if header.fields.profile == Profile.ANCHOR and baking is None:
-        raise click.UsageError("an anchor model has no fixed Gaussians: decode to .npz, or give --bake")
+    if baking is None:
+        return out.write(*stream_gaussians(source, request, counters=counters))
+    with progress(quiet) as tell:
+        return out.write(*stream_gaussians(source, request, baking=baking, counters=counters, report=tell))
 
 
 def _baking(cameras: str | None, steps: int | None) -> Baking:
     """Settings of --bake. Cameras that the list holds out for tests are not used, unless it has no others."""
-    from reference_decoder.stream_ply import BAKE_STEPS, Baking
+    from reference_decoder.bake import BAKE_STEPS, Baking
     from scarfmt.render.capture import load_cameras
 
     listed = [] if cameras is None else load_cameras(cameras)
@@ -258,24 +239,25 @@ def _baking(cameras: str | None, steps: int | None) -> Baking:
     return Baking(views, BAKE_STEPS if steps is None else steps)
 
 
-def _write_npz(source: ByteSource, target: BinaryIO, request: DecodeRequest, counters: Counters) -> str:
-    """Write the arrays of a scene, or of some attributes; returns a sentence about what was written."""
+def _write_npz(source: ByteSource, target: BinaryIO, request: DecodeRequest, counters: Counters) -> Written:
+    """Write the arrays of a scene, or of some attributes."""
     import numpy as np
 
     from reference_decoder.decode import decode, decode_scene
     from scarfmt.formats import save_anchor_npz
+    from scarfmt.formats.output import Written
     from scarfmt.scene.gaussians import AnchorModel
 
     if request.names() != frozenset(ATTRIBUTES):
         decoded = decode(source, request, counters=counters)
         np.savez(target, **_attribute_arrays(decoded))
-        return f"{len(decoded):,} anchors of {decoded.layers} layers"
+        return Written(len(decoded), (), "anchor")
     scene = decode_scene(source, request, counters=counters)
     if isinstance(scene, AnchorModel):
         save_anchor_npz(scene, target)
-        return f"{len(scene):,} anchors"
-    np.savez(target, **vars(scene))
-    return f"{len(scene):,} Gaussians"
+        return Written(len(scene), (), "anchor")
+    np.savez(target, **scene.arrays())
+    return Written(len(scene), ())
 
 
 def _attribute_arrays(decoded: Decoded) -> dict[str, Any]:

@@ -12,6 +12,7 @@ import click
 from scarfmt.cli.failures import FAILED
 from scarfmt.cli.files import check_stdout, open_input, timeout_option
 from scarfmt.container.registries import BlockKind
+from scarfmt.errors import printable
 
 if TYPE_CHECKING:
     from scarfmt.tools.dump import Dump
@@ -70,12 +71,7 @@ def _text_lines(annotated: Dump) -> Iterator[str]:
 
 def _line(row: Row) -> str:
     offset = f"+{row.offset}" if row.content else str(row.offset)
-    return f"{offset:>10} {row.length:>8}  {row.field:<56} {row.section:<5} {_printable(str(row.value))}".rstrip()
-
-
-def _printable(text: str) -> str:
-    """Text in which control characters of a terminal are replaced."""
-    return "".join(letter if letter.isprintable() else "?" for letter in text)
+    return f"{offset:>10} {row.length:>8}  {row.field:<56} {row.section:<5} {printable(str(row.value))}".rstrip()
 
 
 def _json_lines(annotated: Dump) -> Iterator[str]:

@@ -2,39 +2,46 @@
 
 from __future__ import annotations
 
+import errno
 import json
+import time
+from collections.abc import Callable, Sequence
+from functools import partial
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
 from reference_encoder.options import (
-    DEFAULT_MBIT,
     EFFORTS,
-    ESTIMATORS,
-    LATENTS,
     MAX_CORRECTIONS,
-    MAX_MBIT,
     MAX_QUALITY,
-    MIN_MBIT,
     MIN_QUALITY,
     MIN_TILE_ANCHORS,
+    STAGES,
     EncodeOptions,
 )
-from scarfmt.cli.failures import requires_extra, warnings_on_stderr
-from scarfmt.cli.files import open_output
-from scarfmt.cli.inputs import FORMAT_IDS, read_scene
+from scarfmt.cli.failures import FAILED, described, requires_extra, warnings_on_stderr
+from scarfmt.cli.files import STANDARD, check_output, open_input, open_output
+from scarfmt.cli.inputs import FORMAT_IDS, read_scene, render_model_option
 from scarfmt.cli.out_of_core import OutOfCore, Reading, advise, out_of_core_options
-from scarfmt.cli.progress import Report, progress
+from scarfmt.cli.progress import progress
+from scarfmt.cli.report import Report, reports
 from scarfmt.cli.views import CAMERAS_HELP, FRAME_HELP
-from scarfmt.errors import InvalidInput
-from scarfmt.limits import MAX_ANCHORS_PER_TILE, MAX_LAYERS, MAX_VIEWPOINTS
+from scarfmt.errors import InvalidInput, ScarError, plural
+from scarfmt.limits import MAX_ANCHORS_PER_TILE, MAX_LAYERS
 
 if TYPE_CHECKING:
     from reference_encoder.judge.quality import Quality
-    from reference_encoder.pipeline import Encoded
-    from scarfmt.scene.gaussians import AnchorModel, GaussianScene
 
 DEFAULTS = EncodeOptions()
+STEPS = {"read": 0.02, **STAGES}
+PRESETS: dict[str, dict[str, Any]] = {
+    "web": {},
+    "archive": {"quality": 55.0},
+    "preview": {"quality": 36.0, "effort": 1},
+}
+"""Options by what the file is for."""
 
 
 def parse_metadata(_ctx: click.Context, _parameter: click.Parameter, pairs: tuple[str, ...]) -> dict[str, Any]:
@@ -56,7 +63,7 @@ def parse_metadata(_ctx: click.Context, _parameter: click.Parameter, pairs: tupl
             raise InvalidInput("input-options", message, field="metadata") from error
         except ValueError:
             values[key] = text
-    EncodeOptions(metadata=values).check()
+    EncodeOptions(metadata=values)
     return values
 
 
@@ -79,34 +86,43 @@ def parse_frame(_ctx: click.Context, _parameter: click.Parameter, value: str | N
     return None if value == AUTO else value
 
 
+_ENDING = ".scar"
+
+
 @click.command(short_help="Compress a scene into a .scar file.")
-@click.argument("input_", metavar="INPUT")
+@click.argument("inputs", metavar="INPUT...", nargs=-1)
 @click.argument("output")
+@click.option("--out-dir", metavar="DIR", help="Encode every file named into this folder, under its name.")
+@click.option(
+    "--preset",
+    type=click.Choice(list(PRESETS)),
+    help="web: to look at, the defaults. archive: closer to the source, and larger: --quality 55. preview: small and"
+    " quickly made: --quality 36 --effort 1. Options given beside it win.",
+)
 @click.option(
     "--quality",
     type=click.FloatRange(MIN_QUALITY, MAX_QUALITY),
-    help="Target PSNR of the complete file against the input, in dB. It is the mean over views from outside, near and"
-    " inside. With --cameras, most of the views are close to the cameras. The encoder makes no decision from these"
-    f" views [default: {DEFAULTS.quality:g}].",
+    help="Target PSNR against the input, in dB: the mean over views from outside, near and inside; with --cameras,"
+    " mostly close to these"
+    f" [default: {DEFAULTS.quality:g}].",
 )
 @click.option(
     "--worst",
     type=click.FloatRange(MIN_QUALITY, MAX_QUALITY),
     metavar="DB",
-    help="Target in place of --quality: the PSNR in dB that 19 of 20 views reach (the 5th percentile), over the views"
-    " by which the encoder judges its result.",
+    help="In place of --quality: the PSNR in dB that 19 of 20 views reach.",
 )
 @click.option(
     "--effort",
     type=click.IntRange(min(EFFORTS), max(EFFORTS)),
-    help=f"Time spent on a smaller file. 1: fast, without networks. 3: slow [default: {DEFAULTS.effort}].",
+    help=f"Time spent on a smaller file. 1: fast. 3: slow [default: {DEFAULTS.effort}].",
 )
 @click.option(
     "--corrections",
     type=click.IntRange(0, MAX_CORRECTIONS),
     metavar="N",
-    help="Maximum number of passes used to meet --quality. Each renders the result, measures its PSNR and quantises"
-    " again. 0: no check; the result can miss by several dB [default: set by --effort].",
+    help="Maximum number of passes to meet --quality. 0: no check; the result can miss by several dB [default: set by"
+    " --effort].",
 )
 @click.option(
     "--layers",
@@ -116,41 +132,14 @@ def parse_frame(_ctx: click.Context, _parameter: click.Parameter, value: str | N
 @click.option(
     "--cameras",
     type=click.Path(exists=True),
-    help=f"All cameras of the capture, close to which quality matters most: {CAMERAS_HELP}.",
+    help=f"Capture cameras; quality is highest near them: {CAMERAS_HELP}.",
 )
-@click.option("--only-cameras", is_flag=True, help="Quality matters at --cameras alone, not elsewhere.")
+@click.option("--only-cameras", is_flag=True, help="Ignore quality away from --cameras.")
 @click.option("--frame", callback=parse_frame, help=f"{FRAME_HELP} [default: {DEFAULTS.frame}]")
 @click.option("--sh-degree", type=click.IntRange(0, 3), help="Drop spherical harmonics above this degree.")
-@click.option("--drop-invalid", is_flag=True, help="Leave out Gaussians with NaN or infinite values.")
-@click.option("--format", "format_id", type=click.Choice(FORMAT_IDS), help="Input format [default: from content].")
-@click.option(
-    "--latent",
-    type=click.Choice(LATENTS),
-    help="Basis of the latents: linear (Karhunen-Loève), or learned (an autoencoder with residual vector quantisation)."
-    " Unlike that of the SCAR-GS paper, the autoencoder is trained by squared error, after the scene is finished"
-    f" [default: {DEFAULTS.latent}].",
-)
-@click.option(
-    "--estimator",
-    type=click.Choice(ESTIMATORS),
-    help=f"Gradient through the quantiser of --latent learned [default: {DEFAULTS.estimator}].",
-)
-@click.option(
-    "--mbit",
-    type=click.FloatRange(MIN_MBIT, MAX_MBIT),
-    metavar="MBIT",
-    help="Bandwidth for which the file is made, in megabits per second. The encoder uses a network where it shortens"
-    f" transfer and decoding together. A lower bandwidth gives a smaller file that decodes slower [default:"
-    f" {DEFAULT_MBIT:g}].",
-)
-@click.option("--archive", is_flag=True, help="Make the smallest file, however long it decodes. Excludes --mbit.")
-@click.option(
-    "--decode-budget",
-    type=click.IntRange(min=0),
-    metavar="N",
-    help="Maximum multiply-adds of integer networks per Gaussian or anchor when decoding. It bounds what --mbit and"
-    " --archive may use. 0: static tables only [default: no bound].",
-)
+@click.option("--drop-invalid", is_flag=True, help="Leave out Gaussians with NaN, and tell how many show.")
+@render_model_option
+@click.option("--from", "format_id", type=click.Choice(FORMAT_IDS), help="Format of INPUT [default: from content].")
 @click.option(
     "--tile-size",
     "tile_anchors",
@@ -161,18 +150,9 @@ def parse_frame(_ctx: click.Context, _parameter: click.Parameter, value: str | N
     " Gaussians].",
 )
 @click.option(
-    "--viewpoints",
-    type=click.IntRange(0, MAX_VIEWPOINTS),
-    metavar="N",
-    help="Number of viewpoints for which the file holds the gain of each layer of each tile. Streaming clients then"
-    " fetch what their view needs most. 0: no gains [default: 4 to 8, within 0.5 % of the file. A file of a single tile"
-    " has none, but with --cameras it has a first view].",
-)
-@click.option(
     "--seed",
     type=click.IntRange(min=0),
-    help="Seed for all random choices. The same seed gives the same file with the same versions of packages on the same"
-    f" kind of processor, with any number of threads [default: {DEFAULTS.seed}].",
+    help=f"Seed for all random choices. Equal seeds give equal files on one machine [default: {DEFAULTS.seed}].",
 )
 @click.option(
     "--metadata", multiple=True, metavar="KEY=VALUE", callback=parse_metadata, help="Add an annotation; repeatable."
@@ -180,109 +160,200 @@ def parse_frame(_ctx: click.Context, _parameter: click.Parameter, value: str | N
 @out_of_core_options
 @click.option("--force", is_flag=True, help="Overwrite OUTPUT if it exists.")
 @click.option("--quiet", "-q", is_flag=True, help="Print nothing but errors.")
+@click.option(
+    "--verbose", "-v", is_flag=True, help="Also report layers, what was removed, and quality by kind of view."
+)
+@reports
 @requires_extra("encode")
 def encode(
-    input_: str, output: str, format_id: str | None, sh_degree: int | None, drop_invalid: bool, force: bool, **said: Any
-) -> None:
-    """Compress the scene INPUT into the .scar file OUTPUT. Either may be - (stdin, stdout).
+    inputs: tuple[str, ...],
+    output: str,
+    out_dir: str | None,
+    preset: str | None,
+    force: bool,
+    quiet: bool,
+    verbose: bool,
+    **fields: Any,
+) -> Report:
+    """Compress the scene INPUT into the .scar file OUTPUT, or each INPUT into a file of DIR. - is stdin or stdout.
 
-    INPUT is a 3DGS or compressed PLY, SPZ, glTF (.glb, .gltf), SOG, .splat, or an anchor model (.npz, or a folder of
-    Scaffold-GS). The encoder stores coarsely what is rarely seen. --cameras or --frame say from where the scene will be
-    seen.
+    INPUT is a 3DGS or compressed PLY, SPZ, glTF (.glb, .gltf), SOG, .splat, .ksplat, or an anchor model (.npz, or a
+    folder of Scaffold-GS). Parts that are rarely visible get fewer bytes. --cameras or --frame say from where the
+    scene will be seen.
 
     \b
     Examples:
       scarfmt encode point_cloud.ply scene.scar
       scarfmt encode scene.spz scene.scar --cameras cameras.json --layers 4
-      scarfmt encode - - --frame -y:125:70 --format ply < scene.ply > scene.scar
-      scarfmt encode scene.ply small.scar --archive
-      scarfmt encode scene.ply mobile.scar --mbit 2
-      scarfmt encode scene.ply fast.scar --decode-budget 0
+      scarfmt encode *.ply --out-dir small/ --preset preview
+      scarfmt encode - - --frame -y:125:70 --from ply < scene.ply > scene.scar
       scarfmt encode scene.ply scene.scar --metadata title="Old oak" --metadata year=2024
       scarfmt encode city.ply city.scar --work city.work --workers 4
       scarfmt encode city/lod-meta.json city.scar --work city.work --workers 4 --resume
     """
-    quiet = said.pop("quiet")
-    ranges = OutOfCore.of(said)
-    if said["quality"] is not None and said["worst"] is not None:
+    reading = Reading(*(fields.pop(name) for name in ("format_id", "sh_degree", "drop_invalid", "render_model")))
+    ranges = OutOfCore.of(fields)
+    if fields["quality"] is not None and fields["worst"] is not None:
         raise click.UsageError("--quality and --worst exclude each other")
-    if said["archive"] and said["mbit"] is not None:
-        raise click.UsageError("--archive and --mbit exclude each other")
-    if said["only_cameras"] and said["cameras"] is None:
+    if fields["only_cameras"] and fields["cameras"] is None:
         raise click.UsageError("--only-cameras needs --cameras")
-    if ranges is not None:
-        options, reading = _options(said), Reading(format_id, sh_degree, drop_invalid)
-        quality = ranges.encode(input_, output, reading, options, force, quiet)
-        if not quiet:
-            _print_quality(quality, options.asked_db)
-        return
-    with warnings_on_stderr(quiet), open_output(output, force) as target, progress(quiet) as report:
-        report("read", 0.0)
-        options = _options(said)
-        scene = read_scene(input_, format_id, sh_degree, drop_invalid, quiet)
-        advise(len(scene))
-        data = _encode(scene, options, report)
-        target.write(data)
-    if not quiet:
-        _print_summary(data)
-        _print_quality(data.quality, options.asked_db)
+    if out_dir is None and len(inputs) != 1:
+        raise click.UsageError("give INPUT and OUTPUT, or several INPUTs and --out-dir DIR")
+    if out_dir is not None and ranges is not None:
+        raise click.UsageError("--work is for one scene: leave out --out-dir")
+    if out_dir is None and output != STANDARD and not output.lower().endswith(_ENDING) and _is_new_file(output):
+        raise click.UsageError(f"{output} must end in {_ENDING}; 'scarfmt convert' writes other formats")
+    options = _options(PRESETS.get(preset or "", {}), fields)
+    one = partial(_encode, options, reading, ranges, force, quiet, verbose)
+    with warnings_on_stderr(quiet):
+        if out_dir is None:
+            return one(inputs[0], output)
+        return _encode_each(one, (*inputs, output), out_dir, force, quiet)
 
 
-def _options(said: dict[str, Any]) -> EncodeOptions:
+def _is_new_file(name: str) -> bool:
+    """Whether a name is that of a regular file, or of none yet: devices and pipes have no endings."""
+    return not Path(name).exists() or Path(name).is_file()
+
+
+def _options(preset: dict[str, Any], fields: dict[str, Any]) -> EncodeOptions:
     """The options, checked, and the cameras read, before anything slow is imported or read."""
-    given = {name: value for name, value in said.items() if value is not None}
+    given = {**preset, **{name: value for name, value in fields.items() if value is not None}}
     if "cameras" in given:
         from scarfmt.render.capture import load_cameras
 
         given["cameras"] = load_cameras(given["cameras"])
-    options = EncodeOptions(**given)
-    options.check()
-    return options
+    return EncodeOptions(**given)
 
 
-def _encode(scene: GaussianScene | AnchorModel, options: EncodeOptions, report: Report) -> Encoded:
-    from reference_encoder.encode import encode
+def _encode(
+    options: EncodeOptions,
+    reading: Reading,
+    ranges: OutOfCore | None,
+    force: bool,
+    quiet: bool,
+    verbose: bool,
+    name: str,
+    output: str,
+) -> Report:
+    """Encode one scene, and tell what came of it."""
+    start = time.monotonic()
+    if ranges is not None:
+        done = ranges.encode(name, output, reading, options, force, quiet)
+        quality = done.quality
+        file: dict[str, Any] = {"source_count": done.count, "file_bytes": done.file_bytes}
+        if output != STANDARD:
+            file = _inspected(output)
+    else:
+        with open_output(output, force) as target, progress(quiet, STEPS) as tell:
+            tell("read", 0.0)
+            scene = read_scene(name, **vars(reading))
+            advise(len(scene))
+            from reference_encoder.encode import encode as encode_scene
 
-    return encode(scene, options, report)
+            data = encode_scene(scene, options, tell)
+            target.write(data)
+        quality, file = data.quality, _inspected(data)
+    verdict = quality.verdict()
+    document = {"input": name, "output": output, "seconds": time.monotonic() - start, "verdict": verdict,
+                "quality": quality.figures(), "file": file}  # fmt: skip
+    lines = [_size_line(file), verdict]
+    return Report(document, "\n".join([*_details(file, quality, options.asked_db), *lines] if verbose else lines))
 
 
-def _print_summary(data: bytes) -> None:
-    from scarfmt.container.source import BytesSource
+def _inspected(file: str | bytes) -> dict[str, Any]:
     from scarfmt.tools import inspection
 
-    report = inspection.inspect(BytesSource(data), metadata=True)
-    unit = "anchor" if report["profile"] == "anchor" else "Gaussian"
-    count, size = report["source_count"], report["file_bytes"]
-    click.echo(f"{count:,} {unit}s in, {report['anchors']:,} kept", err=True)
-    click.echo(f"{size:,} bytes, {size / count:.2f} per {unit} of the input", err=True)
-    _print_account((report["metadata"] or {}).get("survey"))
-    for layer in report["layers"]:
-        line = f"layer {layer['layer']}: {layer['end_offset']:>12,} bytes  {layer['anchors']:>10,} {unit}s"
-        click.echo(f"{line}  {layer['end_offset'] / count:6.2f} bytes per {unit} of the input", err=True)
+    with open_input(file) as source:
+        return inspection.inspect(source, metadata=True)
 
 
-def _print_quality(quality: Quality, asked_db: float) -> None:
+def _encode_each(
+    one: Callable[[str, str], Report], names: Sequence[str], folder: str, force: bool, quiet: bool
+) -> Report:
+    """Encode scenes one after the other; those that fail are listed at the end."""
+    targets = _targets(names, folder)
+    Path(folder).mkdir(parents=True, exist_ok=True)
+    for target in targets:
+        check_output(target, force)
+    documents, failures = [], []
+    for name, target in zip(names, targets, strict=True):
+        try:
+            found = one(name, target)
+        except (ScarError, click.UsageError, MemoryError, OSError) as error:
+            if isinstance(error, OSError) and error.errno == errno.EPIPE:
+                raise
+            failures.append(f"{name}: {described(error)}")
+            documents.append({"input": name, "output": None, "error": described(error)})
+            line = f"{name}: failed"
+        else:
+            documents.append(found.document)
+            line = f"{name} -> {target}: {found.document['file']['file_bytes']:,} bytes; {found.document['verdict']}"
+        if not quiet:
+            click.echo(line, err=True)
+    end = f"{len(names) - len(failures)} of {plural(len(names), 'scene')} encoded"
+    if failures:
+        end += "; failed:"
+    text = "\n".join([end, *(f"  {failure}" for failure in failures)])
+    return Report({"files": documents}, text, code=FAILED if failures else 0)
+
+
+def _targets(names: Sequence[str], folder: str) -> list[str]:
+    """The output of each input.
+
+    Raises:
+        click.UsageError: an input has no name, or two would have the same output.
+    """
+    from scarfmt.formats import stem
+
+    found: dict[str, str] = {}
+    for name in names:
+        if name == STANDARD:
+            raise click.UsageError("--out-dir needs files with names, not -")
+        target = str(Path(folder) / f"{stem(name)}{_ENDING}")
+        if target in found:
+            raise click.UsageError(f"{found[target]} and {name} would both become {target}: encode one by itself")
+        found[target] = name
+    return list(found)
+
+
+def _unit(file: dict[str, Any]) -> str:
+    return "anchor" if file.get("profile") == "anchor" else "Gaussian"
+
+
+def _size_line(file: dict[str, Any]) -> str:
+    count, size, unit = file["source_count"], file["file_bytes"], _unit(file)
+    kept = f", {file['anchors']:,} kept" if "anchors" in file else ""
+    return f"{plural(count, unit)} in{kept}; {size:,} bytes, {size / count:.2f} per {unit} of the input"
+
+
+def _details(file: dict[str, Any], quality: Quality, asked_db: float) -> list[str]:
+    """Layers, survey and quality, in lines."""
+    unit = _unit(file)
+    lines = [
+        f"layer {layer['layer']}: {layer['end_offset']:>12,} bytes  {plural(layer['anchors'], unit):>20}"
+        f"  {layer['end_offset'] / file['source_count']:6.2f} bytes per {unit} of the input"
+        for layer in file.get("layers", ())
+    ]
+    lines += _survey((file.get("metadata") or {}).get("survey"))
     if not len(quality):
-        click.echo("quality not judged: no view shows anything", err=True)
-        return
-    click.echo(f"quality from {len(quality)} views that played no part in encoding, dB:", err=True)
+        return lines
+    lines.append(f"quality on {plural(len(quality), 'test view')}, dB:")
     for name, found in {"all": quality, **quality.by_kind()}.items():
         line = f"mean {found.mean_db:6.2f}  5th percentile {found.low_db:6.2f}  worst {found.worst_db:6.2f}"
-        click.echo(f"  {name:<6}  {line}", err=True)
-    for shortfall in quality.shortfalls(asked_db):
-        click.echo(f"  {shortfall}", err=True)
+        lines.append(f"  {name:<6}  {line}")
+    return lines + [f"  {shortfall}" for shortfall in quality.shortfalls(asked_db)]
 
 
-def _print_account(found: Any) -> None:
-    """Print the survey of METADATA: the views of the encoder, and what it left out. Other contents are ignored."""
+def _survey(found: Any) -> list[str]:
+    """The survey of METADATA: the views of the encoder, and what it left out. Other contents are ignored."""
     if not isinstance(found, dict) or not {"up", "radius", "left_out"} <= found.keys():
-        return
+        return []
     how = "detected; --frame to override" if found["up_detected"] else "as given"
     doubt = f", perhaps {found['up_or']}" if "up_or" in found else ""
     views = ", ".join(f"{count} {kind}" for kind, count in found["views"].items())
-    click.echo(f"up: {found['up']}{doubt} ({how}); radius {found['radius']:g}; views: {views}", err=True)
     gone = found["left_out"]
-    said = f"left out: {gone['invisible']:,} invisible from all views, {gone['faint']:,} too faint for this quality"
+    line = f"removed: {gone['invisible']:,} never visible, {gone['faint']:,} too faint for this quality"
     if "without_view_dependence" in found:
-        said += f"; without view-dependent colour: {found['without_view_dependence']:,}"
-    click.echo(said, err=True)
+        line += f"; {found['without_view_dependence']:,} lost their view-dependent colour"
+    return [f"up: {found['up']}{doubt} ({how}); radius {found['radius']:g}; views: {views}", line]

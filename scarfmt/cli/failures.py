@@ -9,14 +9,16 @@ from __future__ import annotations
 
 import errno
 import warnings
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from functools import wraps
+from types import MappingProxyType
 from typing import Any, NoReturn, ParamSpec, TypeVar
 
 import click
 
-from scarfmt.errors import InputWarning, ScarError, missing_package
+from scarfmt.atomic import FULL, keep_files_apart
+from scarfmt.errors import MAX_MESSAGE, InputWarning, LossWarning, ScarError, missing_package, printable
 
 FAILED = 1
 WRONG_ARGUMENTS = 2
@@ -26,6 +28,7 @@ INTERRUPTED = 130
 ARGUMENT_REFUSALS = frozenset(
     {
         "input-attributes",
+        "input-bake",
         "input-box",
         "input-cluster",
         "input-frame",
@@ -45,11 +48,19 @@ ARGUMENT_REFUSALS = frozenset(
 )
 """Refusals about what the user typed, not about what a file holds."""
 
+_HINTS = {
+    "input-folder": "encode FOLDER/* --out-dir OUT encodes each scene in it, encode --work DIR all of them as one",
+    "input-bake": "decode to .npz, or use --bake",
+    "output-exists": "choose another name, or use --force to overwrite it",
+    "truncated-file": "decode --allow-truncated reads the layers that are complete",
+}
+"""What to do about a refusal, in options of the command line: the library's messages name none."""
+
 P = ParamSpec("P")
 T = TypeVar("T")
 
 
-def requires_extra(extra: str, torch: str = "neural") -> Callable[[Callable[P, T]], Callable[P, T]]:
+def requires_extra(extra: str, torch: str = "train") -> Callable[[Callable[P, T]], Callable[P, T]]:
     """A decorator that turns a missing package into an error which names the pip extra to install.
 
     Args:
@@ -75,14 +86,16 @@ def requires_extra(extra: str, torch: str = "neural") -> Callable[[Callable[P, T
 
 @contextmanager
 def warnings_on_stderr(quiet: bool = False) -> Iterator[None]:
-    """While active, each :class:`InputWarning` is printed as a line on stderr, or not at all if `quiet`."""
+    """While active, each :class:`InputWarning` is printed as a line on stderr; of those, if `quiet`, only a
+    :class:`~scarfmt.errors.LossWarning`."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore" if quiet else "always", InputWarning)
+        warnings.simplefilter("always", LossWarning)
         others = warnings.showwarning
 
         def show(message: Warning | str, category: type[Warning], *place: Any, **more: Any) -> None:
             if issubclass(category, InputWarning):
-                click.echo(f"scarfmt: warning: {message}", err=True)
+                click.echo(f"scarfmt: warning: {printable(str(message))}", err=True)
             else:
                 others(message, category, *place, **more)
 
@@ -93,22 +106,62 @@ def warnings_on_stderr(quiet: bool = False) -> Iterator[None]:
 class FailureGroup(click.Group):
     """A command group whose subcommands fail without a traceback when the fault is the user's."""
 
+    def make_context(self, *args: Any, **extra: Any) -> click.Context:
+        try:
+            return super().make_context(*args, **extra)
+        except click.UsageError as error:
+            _fail(error)
+
+    def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
+        # People type `help COMMAND`.
+        return super().parse_args(ctx, [*args[1:], "--help"] if args[:1] == ["help"] else args)
+
     def invoke(self, ctx: click.Context) -> Any:
         try:
-            return super().invoke(ctx)
-        except ScarError as error:
-            _fail(ctx, str(error), WRONG_ARGUMENTS if error.refusal in ARGUMENT_REFUSALS else FAILED)
+            with keep_files_apart():
+                return super().invoke(ctx)
         except KeyboardInterrupt:
             click.echo("scarfmt: interrupted", err=True)
             ctx.exit(INTERRUPTED)
-        except MemoryError:
-            _fail(ctx, "out-of-memory: this machine has too little memory for the scene", FAILED)
         except OSError as error:
             if error.errno == errno.EPIPE:
                 raise  # click ends quietly when the reader of a pipe has gone
-            _fail(ctx, f"os-error: {error}", FAILED)
+            _fail(error, self._options(ctx))
+        except (ScarError, click.UsageError, MemoryError) as error:
+            _fail(error, self._options(ctx))
+
+    def _options(self, ctx: click.Context) -> dict[str | None, str]:
+        """Options of the command that runs, by the parameters that the library's errors name."""
+        command = self.get_command(ctx, ctx.invoked_subcommand or "")
+        found = [] if command is None else command.params
+        return {one.name: one.opts[0] for one in found if isinstance(one, click.Option)}
 
 
-def _fail(ctx: click.Context, message: str, code: int) -> NoReturn:
-    click.echo(f"scarfmt: error: {message}", err=True)
-    ctx.exit(code)
+def _fail(error: Failure, options: Mapping[str | None, str] = MappingProxyType({})) -> NoReturn:
+    if isinstance(error, click.UsageError) and error.ctx is not None and error.message == error.ctx.get_help():
+        raise error  # a command without arguments: click prints its help
+    click.echo(f"scarfmt: error: {printable(described(error, options), 2 * MAX_MESSAGE)}", err=True)
+    wrong = isinstance(error, click.UsageError) or getattr(error, "refusal", None) in ARGUMENT_REFUSALS
+    raise click.exceptions.Exit(WRONG_ARGUMENTS if wrong else FAILED)
+
+
+Failure = ScarError | click.UsageError | MemoryError | OSError
+
+
+def described(error: Failure, options: Mapping[str | None, str] = MappingProxyType({})) -> str:
+    """A failure as one line for people: its id, what is wrong, and what to do.
+
+    Args:
+        error: what was raised.
+        options: names of options by the parameters they set, to be named in place of these.
+    """
+    if isinstance(error, ScarError):
+        hint = f"; {_HINTS[error.refusal]}" if error.refusal in _HINTS else ""
+        field = options.get(error.field, error.field)
+        return f"{ScarError(error.refusal, error.message, offset=error.offset, field=field)}{hint}"
+    if isinstance(error, click.UsageError):
+        command = "scarfmt" if error.ctx is None else error.ctx.command_path
+        return f"input-usage: {error.format_message().rstrip('.')}; see {command} --help"
+    if isinstance(error, MemoryError):
+        return "out-of-memory: this machine has too little memory for the scene"
+    return f"{'os-full' if error.errno in FULL else 'os-error'}: {error}"

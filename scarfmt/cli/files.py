@@ -14,7 +14,6 @@ import click
 
 if TYPE_CHECKING:
     from scarfmt.container.source import ByteSource
-    from scarfmt.scene_index.address import SceneFiles
 
 STANDARD = "-"
 
@@ -53,6 +52,9 @@ def read_origin(name: str, limit: int | None = None) -> str | bytes:
         LimitExceeded: ``input-limit`` when there are more than `limit` bytes.
     """
     if name != STANDARD and ("://" in name or not _is_stream(Path(name))):
+        from scarfmt.atomic import note_read
+
+        note_read(name)
         return name
     from scarfmt.container.source import MAX_STREAM_BYTES, read_bounded
     from scarfmt.errors import InvalidInput
@@ -95,25 +97,6 @@ def open_input(name: str | bytes, *, head_bytes: int | None = None) -> ByteSourc
     timeout = ctx.meta.get(_TIMEOUT, TIMEOUT_SECONDS) if ctx is not None else TIMEOUT_SECONDS
     origin = read_origin(name) if isinstance(name, str) else name
     return open_source(origin, timeout=timeout, head_bytes=head_bytes or HEAD_BYTES)
-
-
-def opens_index(source: ByteSource) -> bool:
-    """Whether what was opened begins like a scene index."""
-    from scarfmt.scene_index.document import HEAD_BYTES, is_index
-
-    return is_index(source.read(0, min(source.size, HEAD_BYTES)))
-
-
-def open_index(name: str, source: ByteSource) -> SceneFiles:
-    """The files of the scene index that was opened under a name.
-
-    Raises:
-        InvalidInput: ``input-scene`` for one from standard input.
-        Malformed, Unsupported, LimitExceeded: the index is refused (SPEC §17).
-    """
-    from scarfmt.scene_index.address import read_index, scene_files
-
-    return scene_files(name, read_index(source), opener=open_input)
 
 
 @contextmanager

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from enum import IntEnum
+from pathlib import Path
+from typing import Any
 
 import click
 
-from scarfmt.cli.files import check_stdout, open_input, opens_index, print_json, timeout_option
-
-if TYPE_CHECKING:
-    from scarfmt.container.source import ByteSource
+from scarfmt.cli.files import check_stdout, open_input, timeout_option
+from scarfmt.cli.report import Report, reports
 
 _HEAD_BYTES = 4096
 """Size of the first request to a URL, in bytes: larger than the longest header."""
@@ -17,20 +17,17 @@ _HEAD_BYTES = 4096
 
 @click.command(short_help="Report what a file holds.")
 @click.argument("file")
-@click.option("--json", "as_json", is_flag=True, help="Print a JSON object on stdout.")
 @click.option("--metadata", is_flag=True, help="Also read and show the metadata the file carries.")
 @click.option("--models", is_flag=True, help="Also report models of symbols: tables, predictors, networks.")
 @click.option("--streaming", is_flag=True, help="Also report the data by which clients choose tiles to fetch first.")
 @timeout_option
-def inspect(file: str, as_json: bool, metadata: bool, models: bool, streaming: bool) -> None:
+@reports
+def inspect(file: str, metadata: bool, models: bool, streaming: bool) -> Report:
     """Report what FILE holds: counts, layers, and bytes of each kind of data.
 
-    FILE is a path, a URL or - for stdin. The command reads only the header, at most 2.3 KB. From a URL that takes one
-    request of 4 KiB. With --metadata, --models or --streaming it takes one request of 64 KiB, and more requests if
-    those blocks lie further back. A truncated file is reported as truncated, which is not an error here. The last line
-    names the engine that decodes on this machine.
-
-    FILE may be a scene index. The command then reports what the index lists, and does not open the files.
+    FILE is a path, a URL or - for stdin. The command reads only the header, at most 2.3 KB; --metadata, --models
+    and --streaming read more. A truncated file is not an error here. Of scenes in other formats it reports format,
+    counts and what they say about themselves.
 
     \b
     Examples:
@@ -39,17 +36,14 @@ def inspect(file: str, as_json: bool, metadata: bool, models: bool, streaming: b
       scarfmt inspect scene.scar --models
       scarfmt inspect scene.scar --json | jq '.layers[].end_offset'
     """
-    from scarfmt.engines import absence, described
+    from scarfmt.native.binding import absence, described
     from scarfmt.tools import inspection
 
     check_stdout()
+    if (other := _other_scene(file)) is not None:
+        return other
     head_bytes = None if metadata or models or streaming else _HEAD_BYTES
     with open_input(file, head_bytes=head_bytes) as source:
-        if opens_index(source):
-            if head_bytes is None:
-                raise click.UsageError("--metadata, --models and --streaming are for a file, not for an index")
-            _inspect_index(source, as_json)
-            return
         report = inspection.inspect(source, metadata=metadata)
         if models:
             from scarfmt.tools.models_report import describe_models
@@ -57,29 +51,43 @@ def inspect(file: str, as_json: bool, metadata: bool, models: bool, streaming: b
             report["models"] = describe_models(source)
         if streaming:
             from scarfmt.container.file import Container
-            from scarfmt.tools.streaming_report import describe_streaming, format_streaming
+            from scarfmt.tools.models_report import describe_streaming, format_streaming
 
             report["streaming"] = describe_streaming(Container.open(source, allow_truncated=True))
-    report["engine"] = {"name": "kernel" if absence() is None else "numpy", "no_kernel": absence()}
-    if as_json:
-        print_json(report)
-        return
-    click.echo(inspection.format_text(report), nl=False)
-    click.echo(f"{'engine':<17} {described()}, here")
+    report["engine"] = {"name": "native" if absence() is None else "numpy", "no_native": absence()}
+    parts = [f"{inspection.format_text(report)}{'engine':<17} {described()}, here"]
     if models:
         from scarfmt.tools.models_report import format_models
 
-        click.echo("\n" + format_models(report["models"]), nl=False)
+        parts.append(format_models(report["models"]).rstrip("\n"))
     if streaming:
-        click.echo("\n" + format_streaming(report["streaming"]), nl=False)
+        parts.append(format_streaming(report["streaming"]).rstrip("\n"))
+    return Report(report, "\n\n".join(parts), table=True)
 
 
-def _inspect_index(source: ByteSource, as_json: bool) -> None:
-    from scarfmt.scene_index.address import read_index
-    from scarfmt.scene_index.report import describe, format_text
+def _other_scene(file: str) -> Report | None:
+    """The report on a scene that is no .scar file; None for a .scar file, and where only its reader can tell."""
+    if "://" in file or file.endswith(".scar") or not Path(file).exists() or Path(file).is_fifo():
+        return None
+    from dataclasses import asdict
 
-    report = describe(read_index(source))
-    if as_json:
-        print_json(report)
-    else:
-        click.echo(format_text(report), nl=False)
+    from scarfmt.container.header import is_scar
+    from scarfmt.errors import InvalidInput
+    from scarfmt.formats import find, load
+    from scarfmt.scene.gaussians import GaussianScene
+
+    try:
+        if is_scar(file):
+            return None
+        _, found = find(file)
+    except InvalidInput:
+        return None
+    scene = load(file)
+    unit = "gaussians" if isinstance(scene, GaussianScene) else "anchors"
+    facts: dict[str, Any] = {"format": found.id, unit: len(scene)}
+    if isinstance(scene, GaussianScene):
+        said = asdict(scene.description)
+        facts |= {"sh_degree": scene.sh_degree, "not_finite": int(scene.invalid_rows().sum())}
+        facts |= {name: value.name.lower() if isinstance(value, IntEnum) else value for name, value in said.items()}
+    text = [f"{name.replace('_', ' '):<21} {value}" for name, value in facts.items() if value not in (None, "")]
+    return Report(facts, "\n".join(text), table=True)

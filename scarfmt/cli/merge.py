@@ -7,6 +7,8 @@ from contextlib import ExitStack
 import click
 
 from scarfmt.cli.files import open_input, open_output, timeout_option
+from scarfmt.cli.report import Report, reports
+from scarfmt.errors import plural
 
 
 @click.command(short_help="Join files of parts of one scene.")
@@ -15,7 +17,8 @@ from scarfmt.cli.files import open_input, open_output, timeout_option
 @click.option("--force", is_flag=True, help="Overwrite OUTPUT if it exists.")
 @click.option("--quiet", "-q", is_flag=True, help="Print nothing but errors.")
 @timeout_option
-def merge(inputs: tuple[str, ...], output: str, force: bool, quiet: bool) -> None:
+@reports
+def merge(inputs: tuple[str, ...], output: str, force: bool, quiet: bool) -> Report:
     """Join files that hold parts of one scene (paths or URLs), without decoding them.
 
     The files must have the same models and lattice, and no tile in common. Files made by `scarfmt split` fit
@@ -31,5 +34,5 @@ def merge(inputs: tuple[str, ...], output: str, force: bool, quiet: bool) -> Non
     with ExitStack() as stack:
         sources = [stack.enter_context(open_input(name)) for name in inputs]
         size = merge_to(sources, stack.enter_context(open_output(output, force)))
-    if not quiet:
-        click.echo(f"{len(inputs)} files, {size:,} bytes", err=True)
+    document = {"inputs": inputs, "output": output, "bytes": size}
+    return Report(document, f"{plural(len(inputs), 'file')}, {size:,} bytes")

@@ -2,25 +2,25 @@
 
 from __future__ import annotations
 
-import sys
 import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, BinaryIO, TypeVar
 
 import click
 
 from reference_encoder.options import DEFAULT_RANGE, MIN_RANGE
 from scarfmt import __version__
-from scarfmt.cli.failures import warnings_on_stderr
 from scarfmt.cli.files import STANDARD, open_output
+from scarfmt.cli.inputs import RENDER_MODELS
 from scarfmt.cli.progress import progress
 from scarfmt.errors import InputWarning, InvalidInput
 
 if TYPE_CHECKING:
-    from reference_encoder.judge.quality import Quality
     from reference_encoder.options import EncodeOptions
+    from reference_encoder.out_of_core.run import Done
 
 LARGE_SCENE = 4_000_000
 """Gaussians of which encoding in memory takes about 5 GB at effort 1 and 20 GB at effort 2."""
@@ -69,11 +69,13 @@ class Reading:
         format_id: id of the format; None to detect it from the content.
         sh_degree: spherical harmonics above this degree are dropped; None keeps all.
         drop_invalid: whether Gaussians that cannot be encoded are left out.
+        render_model: a key of `RENDER_MODELS`; None for what the file says.
     """
 
     format_id: str | None
     sh_degree: int | None
     drop_invalid: bool
+    render_model: str | None
 
 
 @dataclass(frozen=True)
@@ -106,50 +108,49 @@ class OutOfCore:
             if workers or cluster or resume or range_size:
                 raise click.UsageError("--workers, --cluster, --resume and --range-size need --work")
             return None
-        if said["viewpoints"]:
-            raise click.UsageError("--viewpoints and --work exclude each other: --work writes no streaming gains")
         if workers and cluster:
             raise click.UsageError("--workers and --cluster exclude each other")
         return cls(work, workers or 1, cluster, resume, range_size or DEFAULT_RANGE)
 
     def encode(
         self, name: str, output: str, reading: Reading, options: EncodeOptions, force: bool, quiet: bool
-    ) -> Quality:
-        """Write the file and report its size; returns the quality of its pictures.
+    ) -> Done:
+        """Write the file; returns its size and the quality of its pictures.
 
         Raises:
             InvalidInput: the input, the options or the directory are refused.
         """
         if name == STANDARD:
             raise click.UsageError("--work needs an INPUT that can be read again, not -")
-        from reference_encoder.scale.executor import workers
-        from reference_encoder.scale.run import Job, encode_job
-        from reference_encoder.scale.work import Work
+        _check_apart(self.work, name, output)
+        from reference_encoder.out_of_core.run import SHARES, Job, encode_job
+        from reference_encoder.out_of_core.work_dir import WorkDir
+        from reference_encoder.out_of_core.workers import open_workers
 
         job = Job(
-            name, Work(self.work), options, __version__, self.range_size,
+            name, WorkDir(self.work), options, __version__, self.range_size,
             sh_degree=reading.sh_degree, drop_invalid=reading.drop_invalid, format_id=reading.format_id,
+            render_model=None if reading.render_model is None else RENDER_MODELS[reading.render_model],
             resume=self.resume,
         )  # fmt: skip
         with (
-            warnings_on_stderr(quiet),
             _output(output, force) as target,
-            progress(quiet) as report,
+            progress(quiet, SHARES) as report,
             _going_on(self.work),
-            workers(self.workers, self.cluster) as found,
+            open_workers(self.workers, self.cluster) as workers,
         ):
-            done = encode_job(job, found, target, report, _teller(quiet))
-        if not quiet:
-            click.echo(f"{done.count:,} Gaussians in, {done.file_bytes:,} bytes, "
-                       f"{done.file_bytes / done.count:.2f} per Gaussian of the input", err=True)  # fmt: skip
-        return done.quality
+            return encode_job(job, workers, target, report)
 
 
-def _teller(quiet: bool) -> Callable[[str], None]:
-    """Prints lines where no bar is drawn."""
-    if quiet or (sys.stderr is not None and sys.stderr.isatty()):
-        return lambda _line: None
-    return lambda line: click.echo(line, err=True)
+def _check_apart(work: str, *names: str) -> None:
+    """Refuse an input or an output inside the directory of the work, which would write over it.
+
+    Raises:
+        InvalidInput: ``output-path``.
+    """
+    for name in names:
+        if "://" not in work and "://" not in name and Path(name).resolve().is_relative_to(Path(work).resolve()):
+            raise InvalidInput("output-path", f"{name} lies in {work}: give another directory to --work")
 
 
 @contextmanager
@@ -165,15 +166,14 @@ def _going_on(work: str) -> Iterator[None]:
 @contextmanager
 def _output(name: str, force: bool) -> Iterator[BinaryIO]:
     """The file to write, at a path or a URL."""
-    from reference_encoder.scale.places import exists, is_url
-    from reference_encoder.scale.work import Work
+    from reference_encoder.out_of_core.work_dir import WorkDir, exists, is_url
 
     if not is_url(name):
         with open_output(name, force) as target:
             yield target
         return
     if not force and exists(name):
-        raise InvalidInput("output-exists", f"{name} exists; choose another name, or use --force to overwrite it")
+        raise InvalidInput("output-exists", f"{name} exists")
     folder, _, bare = name.rpartition("/")
-    with Work(folder).write(bare) as target:
+    with WorkDir(folder).write(bare) as target:
         yield target

@@ -2,23 +2,34 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
+import warnings
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
-from pathlib import Path
+from dataclasses import dataclass
+from functools import partial
 from typing import TYPE_CHECKING, Any, BinaryIO, TypeVar
-from urllib.parse import quote
 
 import click
 
 from scarfmt.cli.files import STANDARD, open_output
+from scarfmt.cli.report import Report
+from scarfmt.errors import InputWarning, plural
 
 if TYPE_CHECKING:
     from scarfmt.formats.output import Described, Written
     from scarfmt.formats.outputs import OutputOptions
     from scarfmt.scene.gaussians import GaussianScene
 
-SUFFIXES = {"compressed-ply": ".compressed.ply", "ply": ".ply", "spz": ".spz", "glb": ".glb", "gltf": ".gltf"}
+SUFFIXES = {
+    "compressed-ply": ".compressed.ply",
+    "ply": ".ply",
+    "spz": ".spz",
+    "glb": ".glb",
+    "gltf": ".gltf",
+    "sog": ".sog",
+    "splat": ".splat",
+    "usd": ".usdc",
+}
 """Endings of file names by id of the format, longer ones first."""
 
 Command = TypeVar("Command", bound=Callable[..., Any])
@@ -52,8 +63,8 @@ def output_options(format_id: str, said: dict[str, Any]) -> OutputOptions:
     Raises:
         click.UsageError: one was given for another format.
     """
-    from scarfmt.formats.export_spz import SpzOptions
     from scarfmt.formats.outputs import OutputOptions
+    from scarfmt.formats.spz import SpzOptions
 
     names = ("version", "fraction_bits", "sh_bits")
     given = {name: value for name in names if (value := said.pop(f"spz_{name}")) not in (None, ())}
@@ -115,21 +126,22 @@ def open_scene_output(name: str, format_id: str, options: OutputOptions, force: 
     Raises:
         InvalidInput: ``output-exists``, ``output-path`` or ``output-stream``.
     """
-    if format_id != "gltf":
-        with open_output(name, force) as target:
-            yield SceneOutput(format_id, target, options)
-        return
-    from scarfmt.formats.export_gltf import Beside
+    from scarfmt.formats.outputs import open_targets
 
-    path = Path(name)
-    buffer = path.with_name(f"{path.stem}.bin")
-    # The buffer gets its name first: a .gltf never names what is not there.
-    with open_output(name, force) as target, open_output(str(buffer), force) as stream:
-        yield SceneOutput(format_id, target, replace(options, beside=Beside(quote(buffer.name), stream)))
+    with open_targets(name, format_id, options, partial(open_output, force=force)) as (target, settled):
+        yield SceneOutput(format_id, target, settled)
 
 
-def report_written(written: Written, quiet: bool) -> str:
-    """Report on stderr what the format could not hold; returns how many Gaussians were written, for people."""
-    for note in () if quiet else written.notes:
-        click.echo(f"scarfmt: warning: {note}", err=True)
-    return f"{written.count:,} Gaussians"
+def written_report(names: tuple[str, str], written: Written, more: Mapping[str, Any], *lines: str) -> Report:
+    """The report of a command that wrote a scene; what the format could not hold is a warning each.
+
+    Args:
+        names: of input and output.
+        written: by the writer.
+        more: of the document.
+        lines: for people, besides the count.
+    """
+    for note in written.notes:
+        warnings.warn(note, InputWarning, stacklevel=2)
+    document = {"input": names[0], "output": names[1], "count": written.count, "notes": written.notes, **more}
+    return Report(document, "\n".join([plural(written.count, written.unit), *lines]))

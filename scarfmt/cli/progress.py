@@ -1,60 +1,95 @@
-"""A progress bar on stderr, on terminals only. Work that ends within two seconds shows none."""
+"""How far long work is, on stderr: on a terminal a line that is drawn again, elsewhere a line a minute."""
 
 from __future__ import annotations
 
+import shutil
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
-from typing import TYPE_CHECKING
 
-if TYPE_CHECKING:
-    from rich.progress import Progress, TaskID
+import click
 
 DELAY_SECONDS = 2.0
+"""Work that ends sooner shows nothing."""
+LINE_SECONDS = 60.0
+"""Between two lines where no terminal is."""
+_FRAME_SECONDS = 0.1
+_BAR = 24
+_CLEAR = "\r\x1b[K"
 
-Report = Callable[[str, float], None]
+Tell = Callable[[str, float], None]
 
 
 @contextmanager
-def progress(quiet: bool = False) -> Iterator[Report]:
-    """A function to call with (name of the stage, part of it that is done, 0..1)."""
-    if quiet or sys.stderr is None or not sys.stderr.isatty():
-        yield lambda _stage, _part: None
+def progress(quiet: bool = False, steps: Mapping[str, float] | None = None) -> Iterator[Tell]:
+    """A function to call with (what is done now, part of it that is done, 0..1).
+
+    Args:
+        quiet: show nothing.
+        steps: share of the time that each step takes, in order; what is told begins with the name of one. None where
+            the part is one of the whole work.
+    """
+    if quiet or sys.stderr is None:
+        yield lambda _now, _part: None
         return
-    bar = _LateBar()
+    line = _Line(steps or {}, sys.stderr.isatty())
     try:
-        yield bar.report
+        yield line.tell
     finally:
-        bar.close()
+        line.close()
 
 
-class _LateBar:
-    """A progress bar that appears after `DELAY_SECONDS`."""
+class _Line:
+    """The line, drawn anew as the work proceeds. Its part never goes back."""
 
-    def __init__(self) -> None:
-        self._start = time.monotonic()
-        self._shown: tuple[Progress, TaskID] | None = None
+    def __init__(self, steps: Mapping[str, float], terminal: bool) -> None:
+        self._steps, self._terminal = steps, terminal
+        self._first: tuple[float, float] | None = None
+        self._part, self._step = 0.0, 0
+        self._due = time.monotonic() + (DELAY_SECONDS if terminal else LINE_SECONDS)
+        self._drawn = False
 
-    def report(self, stage: str, part: float) -> None:
-        if self._shown is None and time.monotonic() - self._start > DELAY_SECONDS:
-            self._shown = _open_bar()
-        if self._shown is not None:
-            bar, task = self._shown
-            bar.update(task, description=stage, completed=part)
+    def tell(self, now: str, part: float) -> None:
+        """Draw the line if it is time."""
+        names, clock = list(self._steps), time.monotonic()
+        if now in names:
+            self._step = max(self._step, names.index(now))
+            before, total = sum(self._steps[name] for name in names[: names.index(now)]), sum(self._steps.values())
+            part = (before + self._steps[now] * part) / total
+        self._part = max(self._part, min(part, 1.0))
+        self._first = self._first or (clock, self._part)
+        if clock < self._due:
+            return
+        self._due = clock + (_FRAME_SECONDS if self._terminal else LINE_SECONDS)
+        step = f"step {self._step + 1} of {len(names)}: " if names else ""
+        words = f"{100 * self._part:3.0f} %  {step}{now}{self._left(clock)}"
+        if self._terminal:
+            full = round(_BAR * self._part)
+            text = f"{'#' * full}{'-' * (_BAR - full)} {words}"
+            click.echo(f"{_CLEAR}{text[: shutil.get_terminal_size().columns - 1]}", err=True, nl=False)
+            self._drawn = True
+        else:
+            click.echo(f"scarfmt: {words.strip()}", err=True)
+
+    def _left(self, clock: float) -> str:
+        """The time left in words, as long for each part as since the first; nothing where that says little."""
+        assert self._first is not None
+        done = self._part - self._first[1]
+        if done < 0.05 or self._part >= 1:
+            return ""
+        seconds = (clock - self._first[0]) / done * (1 - self._part)
+        return f", {duration(seconds)} left"
 
     def close(self) -> None:
-        if self._shown is not None:
-            self._shown[0].stop()
+        """Remove the line from a terminal."""
+        if self._drawn:
+            click.echo(_CLEAR, err=True, nl=False)
 
 
-def _open_bar() -> tuple[Progress, TaskID] | None:
-    try:
-        from rich.console import Console
-        from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
-    except ImportError:
-        return None
-    columns = (TextColumn("{task.description:<24}"), BarColumn(), TimeElapsedColumn())
-    bar = Progress(*columns, console=Console(stderr=True), transient=True)
-    bar.start()
-    return bar, bar.add_task("", total=1.0)
+def duration(seconds: float) -> str:
+    """A time in words, such as ``40 s`` or ``3 min``."""
+    if seconds < 90:
+        return f"{seconds:.0f} s"
+    minutes = seconds / 60
+    return f"{minutes:.0f} min" if minutes < 90 else f"{minutes / 60:.1f} h"

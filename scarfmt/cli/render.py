@@ -10,8 +10,10 @@ import click
 
 from scarfmt.cli.failures import requires_extra, warnings_on_stderr
 from scarfmt.cli.files import timeout_option
-from scarfmt.cli.progress import Report, progress
+from scarfmt.cli.progress import Tell, progress
+from scarfmt.cli.report import Report, reports
 from scarfmt.cli.views import RING, ViewOptions, listed_cameras, view_options, views_of
+from scarfmt.errors import plural
 
 if TYPE_CHECKING:
     from scarfmt.arrays import F32
@@ -46,6 +48,7 @@ def parse_layers(_ctx: click.Context, _parameter: click.Parameter, value: str | 
 @click.option("--force", is_flag=True, help="Overwrite pictures that exist.")
 @click.option("--quiet", "-q", is_flag=True, help="Print nothing but errors.")
 @timeout_option
+@reports
 @requires_extra("render")
 def render(
     file: str,
@@ -56,7 +59,7 @@ def render(
     force: bool,
     quiet: bool,
     **views: Any,
-) -> None:
+) -> Report:
     """Draw the scene FILE (.scar, PLY, SPZ, SOG, .splat or anchor model) into PNG pictures.
 
     OUTPUT is a folder or a name that ends in .png. A folder gets one picture for each view. A .png is one sheet of all
@@ -84,8 +87,8 @@ def render(
     written = [] if single else _write_each(pictures, Path(output), force)
     if single or sheet:
         written.append(_write_sheet(pictures, sheet_path))
-    if not quiet:
-        click.echo(f"{len(written)} pictures written to {output}", err=True)
+    document = {"input": file, "pictures": [str(path) for path in written]}
+    return Report(document, f"{plural(len(written), 'picture')} written to {output}")
 
 
 def _cameras(placing: SceneOrigin | None, last: Subject, options: ViewOptions) -> list[Camera]:
@@ -97,7 +100,7 @@ def _cameras(placing: SceneOrigin | None, last: Subject, options: ViewOptions) -
 
 
 def _draw(
-    file: SceneOrigin, layers: str | None, cameras_for: Callable[[Subject], list[Camera]], report: Report
+    file: SceneOrigin, layers: str | None, cameras_for: Callable[[Subject], list[Camera]], report: Tell
 ) -> Pictures:
     """Pictures with their names, by layer. The key is '' if only one number of layers is drawn."""
     from scarfmt.cli.scenes import load_subject
@@ -161,4 +164,4 @@ def _check_free(path: Path, force: bool) -> None:
     from scarfmt.errors import InvalidInput
 
     if path.exists() and not force:
-        raise InvalidInput("output-exists", f"{path} exists; choose another name, or use --force to overwrite it")
+        raise InvalidInput("output-exists", f"{path} exists")

@@ -4,15 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 import numpy as np
 
 from scarfmt.cli.files import STANDARD, open_input, read_origin
-from scarfmt.cli.progress import Report
-from scarfmt.container.schema import SIGNATURE
+from scarfmt.cli.progress import Tell
+from scarfmt.container.header import is_scar
 from scarfmt.scene.gaussians import AnchorModel, GaussianScene
 
 if TYPE_CHECKING:
@@ -30,7 +29,7 @@ class Subject:
 
     Attributes:
         view: explicit Gaussians, or a function from camera to picture.
-        placed: Gaussians whose positions place the cameras; their other attributes are not used.
+        placed: Gaussians whose positions and description place the cameras; their other attributes are not used.
     """
 
     view: View
@@ -41,6 +40,13 @@ class Subject:
         from scarfmt.render.rasterise import render
 
         return render(self.view, camera) if isinstance(self.view, GaussianScene) else self.view(camera)
+
+    def beside(self, other: Subject) -> Subject:
+        """The subject in the coordinates of another, where their files say which origins were subtracted."""
+        apart = np.subtract(self.placed.description.origin, other.placed.description.origin)
+        if not apart.any() or not isinstance(self.view, GaussianScene):
+            return self
+        return _subject(replace(self.view, positions=self.view.positions + apart))
 
     def remembering(self) -> Subject:
         """A subject that draws each view only once."""
@@ -54,7 +60,7 @@ class Subject:
 
         return replace(self, view=picture)
 
-    def reporting(self, report: Report, count: int) -> Subject:
+    def reporting(self, report: Tell, count: int) -> Subject:
         """A subject that also reports to `report` which of `count` pictures it draws."""
         drawn = 0
 
@@ -77,19 +83,6 @@ def scene_origin(name: str) -> SceneOrigin:
     if name == STANDARD:
         raise click.UsageError("this command reads its scenes from files, not from standard input")
     return read_origin(name)
-
-
-def is_scar(origin: SceneOrigin) -> bool:
-    """Whether a scene is a .scar file. The signature decides; a URL is assumed to name one."""
-    if isinstance(origin, bytes):
-        return origin.startswith(SIGNATURE)
-    if "://" in origin:
-        return True
-    path = Path(origin)
-    if not path.is_file():
-        return False
-    with path.open("rb") as file:
-        return file.read(len(SIGNATURE)) == SIGNATURE
 
 
 def layer_table(origin: SceneOrigin) -> list[dict[str, Any]]:
@@ -140,9 +133,14 @@ def load_subject(origin: SceneOrigin, layers: int | None = None) -> Subject:
 
 def _decode(origin: SceneOrigin, layers: int | None) -> GaussianScene | AnchorModel:
     from reference_decoder.decode import decode
+    from scarfmt.container.file import Container
+    from scarfmt.tools.inspection import describe
 
     with open_input(origin) as source:
-        return decode(source, layers=layers, allow_truncated=True).scene
+        scene = decode(source, layers=layers, allow_truncated=True).scene
+        if isinstance(scene, AnchorModel):
+            return scene
+        return replace(scene, description=describe(Container.open(source, allow_truncated=True)))
 
 
 def _subject(scene: GaussianScene | AnchorModel) -> Subject:

@@ -10,9 +10,11 @@ import click
 
 from scarfmt.cli.decode import parse_box
 from scarfmt.cli.files import STANDARD, open_input, open_output, timeout_option
+from scarfmt.cli.report import Report, reports
+from scarfmt.errors import plural
 
 if TYPE_CHECKING:
-    from reference_decoder.request import Box
+    from reference_decoder.decode import Box
     from scarfmt.arrays import I64
     from scarfmt.container.file import Container
 
@@ -21,20 +23,21 @@ if TYPE_CHECKING:
 @click.argument("input_", metavar="INPUT")
 @click.argument("output")
 @click.option("--files", type=click.IntRange(min=2), metavar="N", help="Write N files of about equal size.")
-@click.option("--box", metavar="X0,Y0,Z0,X1,Y1,Z1", callback=parse_box,
+@click.option("--box", metavar="X0,Y0,Z0,X1,Y1,Z1", type=parse_box,
               help="Write the tiles that meet this box into OUTPUT.")  # fmt: skip
 @click.option("--rest", metavar="FILE", help="With --box: write all other tiles into FILE.")
 @click.option("--force", is_flag=True, help="Overwrite files that exist.")
 @click.option("--quiet", "-q", is_flag=True, help="Print nothing but errors.")
 @timeout_option
+@reports
 def split(
     input_: str, output: str, files: int | None, box: Box | None, rest: str | None, force: bool, quiet: bool
-) -> None:
+) -> Report:
     """Cut INPUT (a path or a URL) into files of whole tiles, without decoding it.
 
     With --files, the name OUTPUT is numbered: part.scar becomes part-1.scar, part-2.scar and so on. Each file covers a
-    part of space, has all models and can be decoded by itself. `scarfmt merge` joins the files to INPUT again, byte for
-    byte.
+    part of space, has all models and can be decoded by itself. `scarfmt merge` joins the files again: to the bytes of
+    INPUT, if its directory has pages of the size that `scarfmt encode` writes.
 
     \b
     Examples:
@@ -48,16 +51,18 @@ def split(
     with ExitStack() as stack:
         source = stack.enter_context(open_input(input_))
         container = Container.open(source)
+        names = [output, *([rest] if rest else [])] if files is None else _numbered(output, files)
+        targets = [stack.enter_context(open_output(name, force)) for name in names]
         if files is not None:
-            names, parts = _numbered(output, files), even_parts(container, files)
+            parts = even_parts(container, files)
         else:
             assert box is not None
-            names, parts = [output, *([rest] if rest else [])], _inside_and_outside(container, box)[: 2 if rest else 1]
-        targets = [stack.enter_context(open_output(name, force)) for name in names]
+            parts = _inside_and_outside(container, box)[: len(names)]
         sizes = split_to(source, parts, targets)
-    if not quiet:
-        for name, part, size in zip(names, parts, sizes, strict=True):
-            click.echo(f"{name}: {len(part):,} tiles, {size:,} bytes", err=True)
+    made = list(zip(names, map(len, parts), sizes, strict=True))
+    rows = [{"output": name, "tiles": tiles, "bytes": size} for name, tiles, size in made]
+    lines = [f"{name}: {plural(tiles, 'tile')}, {size:,} bytes" for name, tiles, size in made]
+    return Report({"input": input_, "files": rows}, "\n".join(lines))
 
 
 def _check(output: str, files: int | None, box: Box | None, rest: str | None) -> None:
@@ -82,8 +87,8 @@ def _inside_and_outside(container: Container, box: Box) -> list[I64]:
     """
     import numpy as np
 
-    from reference_decoder.dequantise import tile_boxes
-    from reference_decoder.request import DecodeRequest
+    from reference_decoder.decode import DecodeRequest
+    from reference_decoder.region import tile_boxes
     from scarfmt.errors import InvalidInput
     from scarfmt.scene.model import Lattice
 

@@ -7,10 +7,8 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from scarfmt.container.source import ByteSource
     from scarfmt.counters import Counters
-    from scarfmt.scene_index.document import Index
 
 _TOTALS = (("bytes", "bytes_read"), ("blocks", "blocks"), ("tiles", "tiles"), ("anchors", "anchors"))
-_DETAILS = {"symbols": "symbols_by_coding", "multiply_adds": "multiply_adds_by_part"}
 
 
 def decode_stats(counters: Counters, seconds: float, engine: str, whole: dict[str, int]) -> dict[str, Any]:
@@ -19,8 +17,8 @@ def decode_stats(counters: Counters, seconds: float, engine: str, whole: dict[st
     Args:
         counters: counts of the decode.
         seconds: duration of the decode.
-        engine: name of the engine that computed.
-        whole: totals of the file or scene.
+        engine: the decoder's name.
+        whole: totals of the file.
 
     Returns:
         ``seconds``, ``engine``, ``decoded`` (:meth:`scarfmt.counters.Counters.report`) and ``file``, which is `whole`.
@@ -41,25 +39,16 @@ def whole_file(source: ByteSource) -> dict[str, int]:
     }
 
 
-def whole_scene(index: Index) -> dict[str, int]:
-    """The totals of a scene of several files, from its index: ``files``, ``bytes``, ``anchors`` and ``layers``."""
-    last = index.layer(index.layer_count)
-    return {"files": len(index.files), "bytes": last.end, "anchors": last.anchors, "layers": index.layer_count}
-
-
 def format_stats(stats: dict[str, Any]) -> str:
     """The report of :func:`decode_stats` for people, a line for each count."""
     decoded, whole = stats["decoded"], stats["file"]
     # The header does not give the number of blocks.
     rows = [(name, decoded[key], _share(decoded[key], whole.get(name))) for name, key in _TOTALS]
-    for name, key in _DETAILS.items():
-        rows.append((name.replace("_", "-"), decoded[name], ""))
-        rows += [(f"  {part.replace('_', ' ')}", count, "") for part, count in decoded[key].items() if count]
     rows[0] = (*rows[0][:2], f"{rows[0][2]}, in {decoded['reads']} reads")
     width = max(len(f"{count:,}") for _, count, _ in rows)
     lines = [f"{name:<17} {count:>{width},}  {note}".rstrip() for name, count, note in rows]
     lines.append(f"{'engine':<17} {stats['engine']:>{width}}")
-    return "\n".join([*lines, f"{'seconds':<17} {stats['seconds']:>{width}.2f}"]) + "\n"
+    return "\n".join([*lines, f"{'seconds':<17} {stats['seconds']:>{width}.2f}"])
 
 
 def _share(part: int, whole: int | None) -> str:

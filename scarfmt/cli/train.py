@@ -16,10 +16,8 @@ from typing import TYPE_CHECKING, Any, NoReturn
 import click
 
 from reference_encoder.training.options import (
-    CONTEXTS,
     DEFAULT_MINUTES,
     DEVICES,
-    ENTROPY_MODELS,
     HOLD_OUT,
     LEAST_RESOLUTION,
     MAX_ITERATIONS,
@@ -30,17 +28,19 @@ from reference_encoder.training.options import (
     MIN_LAST_LAYER,
     MIN_SIZE,
     PAPER_ITERATIONS,
-    PRESETS,
-    LeftOff,
     Progress,
     Stop,
+    Suspended,
     Trained,
     TrainOptions,
     never,
 )
+from reference_encoder.training.presets import PRESETS
 from scarfmt.cli.failures import INTERRUPTED, UNFINISHED, requires_extra, warnings_on_stderr
-from scarfmt.cli.files import STANDARD, check_output, open_output, print_json
-from scarfmt.cli.progress import Report, progress
+from scarfmt.cli.files import STANDARD, check_output, open_output
+from scarfmt.cli.progress import Tell, duration, progress
+from scarfmt.cli.report import Report, reports
+from scarfmt.errors import plural
 from scarfmt.limits import MAX_LAYERS
 
 if TYPE_CHECKING:
@@ -78,23 +78,16 @@ RUN_ENDING = ".run"
     "--last-layer",
     type=click.FloatRange(MIN_LAST_LAYER, MAX_LAST_LAYER),
     metavar="TIMES",
-    help="Train the last layer so many times as often as each other one. 16 makes the whole file better and what"
-    f" `truncate` leaves of it worse [default: {DEFAULTS.last_layer:g}].",
+    help="How much more often the last layer is trained than each other layer. 16 makes the whole file better and"
+    f" its first layers worse [default: {DEFAULTS.last_layer:g}].",
 )
 @click.option(
     "--lambda",
     "lambda_",
     type=click.FloatRange(MIN_LAMBDA, MAX_LAMBDA),
     metavar="FACTOR",
-    help="Weight of bytes against quality, as a multiple of the usual weight. 2 makes a smaller and worse file"
+    help="Trade-off of size against quality: 2 is smaller and worse, 0.5 larger and better"
     f" [default: {DEFAULTS.lambda_:g}].",
-)
-@click.option(
-    "--lambda-ssim",
-    type=click.FloatRange(0, 1),
-    metavar="SHARE",
-    help="Share of structural dissimilarity (1 - SSIM) in the loss of a picture; the rest is absolute difference"
-    f" [default: {DEFAULTS.lambda_ssim:g}].",
 )
 @click.option(
     "--size",
@@ -106,23 +99,12 @@ RUN_ENDING = ".run"
 )
 @click.option(
     "--preset",
-    type=click.Choice(PRESETS),
+    type=click.Choice(list(PRESETS)),
     help="Parts of the method to use. default: those that save bytes. rvq: these, with codewords for features. paper:"
     f" the configuration of the SCAR-GS paper [default: {DEFAULTS.preset}].",
 )
 @click.option(
     "--device", type=click.Choice(DEVICES), help=f"Device; cuda is an NVIDIA GPU [default: {DEFAULTS.device}]."
-)
-@click.option(
-    "--context",
-    type=click.Choice(CONTEXTS),
-    help="Context of the entropy model of the codewords: decoded values of the anchor, a trained hash grid in 2D and 3D"
-    " or in 3D, sine waves of the position, or none [default: set by --preset].",
-)
-@click.option(
-    "--entropy",
-    type=click.Choice(ENTROPY_MODELS),
-    help="Entropy model of the codewords: static tables, or a kind of network [default: set by --preset].",
 )
 @click.option(
     "--hold-out",
@@ -153,11 +135,11 @@ RUN_ENDING = ".run"
     help="Maximum minutes of this call. Training then stops with a checkpoint and exit code 75, and the same command"
     " continues it [default: train to the end].",
 )
-@click.option("--json", "as_json", is_flag=True, help="Print bytes, PSNR and SSIM of each layer as JSON on stdout.")
 @click.option("--force", is_flag=True, help="Overwrite OUTPUT if it exists.")
 @click.option("--quiet", "-q", is_flag=True, help="Print nothing but errors.")
+@reports
 @requires_extra("train", torch="train")
-def train(capture: str, output: str, folder: str | None, as_json: bool, force: bool, quiet: bool, **said: Any) -> None:
+def train(capture: str, output: str, folder: str | None, force: bool, quiet: bool, **given: Any) -> Report:
     """Train the .scar file OUTPUT from the photos CAPTURE.
 
     CAPTURE is a folder: of COLMAP, with a transforms.json (Nerfstudio, Blender), with a cameras.json of this project,
@@ -172,11 +154,9 @@ def train(capture: str, output: str, folder: str | None, as_json: bool, force: b
       scarfmt train photos/ small.scar --lambda 4 --layers 3
       scarfmt train capture/ scene.scar --preset paper --run runs/paper
     """
-    if as_json and output == STANDARD:
-        raise click.UsageError("--json prints on standard output: give OUTPUT a file name")
-    hold_out, resolution, slice_minutes = said.pop("hold_out"), said.pop("resolution"), said.pop("slice_minutes")
+    hold_out, resolution, slice_minutes = given.pop("hold_out"), given.pop("resolution"), given.pop("slice_minutes")
     leave = never if slice_minutes is None else _after(slice_minutes)
-    options = TrainOptions(**{name: value for name, value in said.items() if value is not None}).settled()
+    options = TrainOptions(**{name: value for name, value in given.items() if value is not None}).resolve()
     check_output(output, force)
     run = _run_folder(output) if folder is None else Path(folder)
     if slice_minutes is not None and run is None:
@@ -190,11 +170,8 @@ def train(capture: str, output: str, folder: str | None, as_json: bool, force: b
             with open_output(output, force) as target:
                 target.write(trained.data)
         interrupted = stop()
-    if not quiet:
-        _print_trained(trained)
-    if as_json:
-        print_json(asdict(trained) | {"data": len(trained.data)})
-    _end(run, interrupted, quiet)
+    code = _end(run, interrupted, quiet)
+    return Report(asdict(trained) | {"data": len(trained.data)}, _summary(trained), code=code)
 
 
 def _run_folder(output: str) -> Path | None:
@@ -241,17 +218,17 @@ def _after(minutes: float) -> Stop:
     return lambda: time.monotonic() >= end
 
 
-def _read(path: str, resolution: int | None, hold_out: int, workspace: Path, report: Report) -> Capture:
+def _read(path: str, resolution: int | None, hold_out: int, workspace: Path, report: Tell) -> Capture:
     from reference_encoder.training.capture import load_capture
 
     return load_capture(path, resolution, hold_out, workspace, report)
 
 
 def _train(
-    capture: Capture, options: TrainOptions, run: Path | None, quiet: bool, report: Report, stop: Stop, leave: Stop
+    capture: Capture, options: TrainOptions, run: Path | None, quiet: bool, report: Tell, stop: Stop, leave: Stop
 ) -> Trained:
-    from reference_encoder.training.checkpoints import last_iteration
     from reference_encoder.training.run import train as train_capture
+    from reference_encoder.training.run_folder import last_iteration
 
     before = None if run is None else last_iteration(run)
     if before is not None and not quiet:
@@ -262,30 +239,30 @@ def _train(
 
     try:
         trained: Trained = train_capture(capture, options, run, tell, stop, leave)
-    except LeftOff as left:
+    except Suspended as left:
         _leave_off(left, run, quiet)
     return trained
 
 
-def _leave_off(left: LeftOff, run: Path | None, quiet: bool) -> NoReturn:
+def _leave_off(left: Suspended, run: Path | None, quiet: bool) -> NoReturn:
     """Report how to continue, and exit with code 75."""
     if not quiet:
         click.echo(f"scarfmt: {left}: the same command continues, from {run}", err=True)
     click.get_current_context().exit(UNFINISHED)
 
 
-def _end(run: Path | None, interrupted: bool, quiet: bool) -> None:
-    """Remove the checkpoints, unless training was interrupted; then keep them, report so, and exit with code 130."""
-    from reference_encoder.training.checkpoints import discard_checkpoints
+def _end(run: Path | None, interrupted: bool, quiet: bool) -> int:
+    """Remove the checkpoints, unless training was interrupted; then keep them and report so. Returns the exit code."""
+    from reference_encoder.training.run_folder import discard_checkpoints
 
     if not interrupted:
         if run is not None:
             discard_checkpoints(run)
-        return
+        return 0
     if not quiet:
         more = f"; the same command with --force continues, from {run}" if run is not None else ""
         click.echo(f"scarfmt: interrupted: the best file so far is written{more}", err=True)
-    click.get_current_context().exit(INTERRUPTED)
+    return INTERRUPTED
 
 
 def _described(now: Progress) -> str:
@@ -296,13 +273,7 @@ def _described(now: Progress) -> str:
     if now.bytes is not None:
         words.append(f"{now.bytes / 1000:,.0f} kB")
     words.append(f"{now.anchors:,} anchors")
-    if math.isfinite(now.seconds_left):
-        words.append(f"{_duration(now.seconds_left)} left")
     return " · ".join(words)
-
-
-def _duration(seconds: float) -> str:
-    return f"{seconds:.0f} s" if seconds < 90 else f"{seconds / 60:.0f} min"
 
 
 def _print_capture(capture: Capture) -> None:
@@ -312,8 +283,9 @@ def _print_capture(capture: Capture) -> None:
     click.echo(line, err=True)
 
 
-def _print_trained(trained: Trained) -> None:
-    click.echo(f"{trained.iterations:,} iterations in {_duration(trained.seconds)}", err=True)
+def _summary(trained: Trained) -> str:
+    lines = [f"{plural(trained.iterations, 'iteration')} in {duration(trained.seconds)}"]
     for number, layer in enumerate(trained.layers, 1):
         quality = "" if math.isnan(layer.psnr) else f"  {layer.psnr:6.2f} dB  SSIM {layer.ssim:.4f}"
-        click.echo(f"layer {number}: {layer.bytes:>12,} bytes{quality}", err=True)
+        lines.append(f"layer {number}: {layer.bytes:>12,} bytes{quality}")
+    return "\n".join(lines)

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import click
 
-from scarfmt.cli.failures import FAILED
-from scarfmt.cli.files import open_input, opens_index, timeout_option
+from scarfmt.cli.files import open_input, timeout_option
 
 _MOST_SCENES = 2
 
@@ -19,13 +18,11 @@ _MOST_SCENES = 2
 )  # fmt: skip
 @click.option("--no-browser", is_flag=True, help="Only serve: print the address, open nothing.")
 @timeout_option
-@click.pass_context
-def view(ctx: click.Context, scenes: tuple[str, ...], port: int, host: str, no_browser: bool) -> None:
+def view(scenes: tuple[str, ...], port: int, host: str, no_browser: bool) -> None:
     """Show FILE (a path or URL) in a browser, and refine it while bytes arrive. OTHER is shown beside it.
 
     A server on this machine sends the page, and the bytes that the page asks for, until Ctrl-C. It contacts nothing
-    but the servers of the URLs given. FILE may be a scene index; its files are then served. Without FILE, the page
-    waits for a file to be dropped on it.
+    but the servers of the URLs given. Without FILE, the page waits for a file to be dropped on it.
 
     \b
     Examples:
@@ -35,28 +32,23 @@ def view(ctx: click.Context, scenes: tuple[str, ...], port: int, host: str, no_b
       scarfmt view scene.scar --no-browser --port 8080
     """
     from scarfmt.tools.inspection import inspect
-    from scarfmt.viewer.offered import index_offers, page_offers, scene_offer
+    from scarfmt.viewer.offers import page_offers, scene_offer
     from scarfmt.viewer.server import ViewerServer, page_address, serve
 
     if len(scenes) > _MOST_SCENES:
         raise click.UsageError(f"at most {_MOST_SCENES} scenes can be seen side by side, {len(scenes)} were given")
-    offers = page_offers()
-    paths = []
+    offers, paths = {}, []
     for number, origin in enumerate(scenes):
         source = open_input(origin)
-        if opens_index(source):
-            found = index_offers(origin, number, source, open_input)
-        else:
-            # Says at once what else the page would say: that a file is missing, or is no .scar file.
-            inspect(source)
-            found = dict([scene_offer(origin, number, source)])
-        offers.update(found)
-        paths.append(next(iter(found)))
+        # Says at once what else the page would say: that a file is missing, or is no .scar file.
+        inspect(source)
+        path, offer = scene_offer(origin, number, source)
+        offers[path] = offer
+        paths.append(path)
     try:
-        server = ViewerServer(offers, host, port)
+        server = ViewerServer(page_offers() | offers, host, port)
     except OSError as error:
-        click.echo(f"error: cannot listen on {host}, port {port}: {error.strerror or error}", err=True)
-        ctx.exit(FAILED)
+        raise OSError(f"cannot listen on {host}, port {port}: {error.strerror or error}") from error
     address = page_address(server.url, paths)
     click.echo(f"{address}  (Ctrl-C ends)", err=True)
     if not no_browser:

@@ -28,30 +28,26 @@ FRAME_HELP = (
     "e.g. -y:125:70."
 )
 SIZE_HELP = "Size of each picture in pixels [default: 640x480, or the cameras' own]."
-CAMERAS_HELP = (
-    "a cameras.json of this project or INRIA's, a transforms.json (Nerfstudio, Blender), or a COLMAP folder"
-)
+CAMERAS_HELP = "a cameras.json of this project or INRIA's, a transforms.json (Nerfstudio, Blender), or a COLMAP folder"
 FROM_HELP = (
     "Where the views are: orbit (all round, at many distances), near, inside (looking outwards), all of these three,"
     " or survey (a level ring)"
 )
 
 
-def parse_size(_ctx: click.Context, _parameter: click.Parameter, value: str | None) -> tuple[int, int] | None:
+def parse_size(value: str) -> tuple[int, int]:
     """(width, height) of `WIDTHxHEIGHT`, pixels.
 
     Raises:
         click.BadParameter: the text has another shape.
     """
-    if value is None:
-        return None
     match = re.fullmatch(r"([1-9]\d{0,3})[xX×]([1-9]\d{0,3})", value)
     if match is None:
         raise click.BadParameter(f"{value!r} is not WIDTHxHEIGHT in pixels, up to 9999 each, e.g. 640x480")
     return int(match[1]), int(match[2])
 
 
-def parse_frame(_ctx: click.Context, _parameter: click.Parameter, value: str) -> str:
+def parse_frame(_ctx: click.Context, _parameter: click.Parameter, value: str | None) -> str | None:
     """The text as it is. A frame that cannot be read is refused before any scene is read.
 
     Raises:
@@ -59,7 +55,8 @@ def parse_frame(_ctx: click.Context, _parameter: click.Parameter, value: str) ->
     """
     from scarfmt.render.camera import Arc
 
-    Arc.parse(value)
+    if value is not None:
+        Arc.parse(value)
     return value
 
 
@@ -76,7 +73,7 @@ class ViewOptions:
     """
 
     views: int | None
-    frame: str
+    frame: str | None
     cameras: str | None
     size: tuple[int, int] | None
     kind: str | None = None
@@ -87,10 +84,10 @@ def view_options(default_kind: str) -> Callable[[Command], Command]:
     kinds = click.Choice((RING, *KINDS, EVERYWHERE))
     number = f"Number of views of each kind [default: {DEFAULT_VIEWS}, or all cameras]."
     options = (
-        click.option("--size", metavar="WxH", callback=parse_size, help=SIZE_HELP),
+        click.option("--size", metavar="WxH", type=parse_size, help=SIZE_HELP),
         click.option("--cameras", type=click.Path(exists=True), help=f"Look from these cameras: {CAMERAS_HELP}."),
         click.option("--from", "kind", type=kinds, help=f"{FROM_HELP} [default: {default_kind}]."),
-        click.option("--frame", default="-y", show_default=True, callback=parse_frame, help=FRAME_HELP),
+        click.option("--frame", callback=parse_frame, help=f"{FRAME_HELP} [default: what the file says, or -y]"),
         click.option("--views", type=click.IntRange(1, 10000), help=number),
     )
 
@@ -129,7 +126,7 @@ def views_of(scene: GaussianScene, options: ViewOptions, default_kind: str) -> d
     """The cameras that look at a scene, by kind. Equal positions and options give equal cameras.
 
     Args:
-        scene: only its positions are used.
+        scene: only its positions and description are used.
         options: the user's choice.
         default_kind: kind of views if the user chose none.
 
@@ -141,8 +138,9 @@ def views_of(scene: GaussianScene, options: ViewOptions, default_kind: str) -> d
 
     width, height = options.size or DEFAULT_SIZE
     count, kind = options.views or DEFAULT_VIEWS, options.kind or default_kind
+    frame = options.frame or scene.description.up_axis or "-y"
     if kind == RING:
-        return {RING: orbit_cameras(scene, count, width, height, options.frame)}
-    around = Surroundings.of(scene, options.frame)
+        return {RING: orbit_cameras(scene, count, width, height, frame)}
+    around = Surroundings.of(scene, frame)
     kinds = KINDS if kind == EVERYWHERE else (kind,)
     return {kind: [view.sized(width, height) for view in viewpoints(around, kind, count, SEED)] for kind in kinds}

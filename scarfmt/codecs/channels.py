@@ -18,19 +18,16 @@ from scarfmt.entropy.keys import CONTEXTS, StepKey, TableKey
 from scarfmt.entropy.symbol_reader import SymbolReader
 from scarfmt.errors import Malformed
 from scarfmt.neural.predicted import PredictedChannel
-from scarfmt.scene.model import MAX_STEPS, NO_SOURCE, Channel, ContextRule
+from scarfmt.scene.model import MAX_STEPS, Channel
 
 REACH = 1.0
 """Largest magnitude of a position residual, in cells of 2^shift voxels: it bounds where a tile's anchors can be."""
 
-_SOURCE_CONTEXTS = 16
 _POWERS = 3 ** np.arange(MAX_STEPS + 1, dtype=np.int64)
 VALUE_LIMIT = (1 << 31) - 1
 """Largest magnitude of a channel value: -2^31 is left out, so that every value can be negated."""
 # (anchors, step, components, contexts, values before) -> values after; one row a component.
 Exchange = Callable[[I64, int, Sequence[int], Sequence[I64], I64], I64]
-# First-step values of the channels decoded so far, one (n, components) array a channel.
-FirstValues = Sequence[I32]
 
 
 def coarsen(values: Ints, steps: I64 | int) -> I64:
@@ -39,43 +36,24 @@ def coarsen(values: Ints, steps: I64 | int) -> I64:
     return np.asarray((np.asarray(values, np.int64) + (power - 1) // 2) // power)
 
 
-def contexts(rule: ContextRule, classes: I64, first: FirstValues, chosen: I64 | slice = slice(None)) -> I64:
-    """(n,) int64 context numbers of first-step symbols: class * 16 + source bucket (SPEC §8.4).
-
-    Args:
-        classes: (n,) classes of the anchors concerned.
-        first: first-step values of all anchors of the tile; its rows `chosen` are those concerned.
-    """
-    out = classes * _SOURCE_CONTEXTS if rule.by_class else np.zeros(len(classes), np.int64)
-    if rule.source_channel != NO_SOURCE:
-        # int64: `low` may be any 33-bit integer, and the difference must not wrap.
-        source = first[rule.source_channel][chosen, rule.source_component].astype(np.int64)
-        out = out + np.clip((source - rule.low) >> rule.shift, 0, _SOURCE_CONTEXTS - 1)
-    return out
-
-
-def trit_contexts(rule: ContextRule, classes: I64, values: I64) -> I64:
-    """(n,) int64 context numbers of a ternary step: class * 16 + the value refined, clamped to -2..2, + 2."""
-    out = classes * _SOURCE_CONTEXTS if rule.by_class else np.zeros(len(classes), np.int64)
-    return out + np.clip(values, -2, 2) + 2
+def trit_contexts(values: Ints) -> I64:
+    """int64 context numbers of a ternary step, of the shape of `values`: the value refined, clamped to -2..2, + 2."""
+    return np.clip(values, -2, 2).astype(np.int64) + 2
 
 
 def put_channel(
     emitter: Emitter,
     channel: Channel,
-    classes: I64,
     before: I64,
     after: I64,
     final: tuple[Ints, I64],
-    first: FirstValues,
     predicted: PredictedChannel | None = None,
 ) -> None:
     """Emit the steps before+1..after of every anchor of a tile.
 
     Args:
-        classes, before, after: (n,) class and steps of each anchor before and after this layer.
+        before, after: (n,) steps of each anchor before and after this layer.
         final: (n, components) values and (n,) the step counts they are at, each >= `after`.
-        first: first-step values of all channels up to and including this one.
         predicted: the channel's predictors, if it has any.
     """
     values, at = final
@@ -92,17 +70,16 @@ def put_channel(
             continue
         if predicted is not None and predicted.covers(step):
             coarse = np.where(step > 1, coarsen(values, np.maximum(at - step + 1, 0)[:, None]), 0)
-            _code_predicted(channel, step, chosen, classes, coarse, first, predicted, put)
+            _code_predicted(channel, step, chosen, coarse, predicted, put)
             continue
-        kinds = classes[chosen]
-        for component, rule in enumerate(channel.rules):
+        for component in range(channel.components):
             key = TableKey(channel.stream, component, step, 0)
             here = coarsen(values[chosen, component], at[chosen] - step)
             if step == 1:
-                emitter.emit_by_context(key, contexts(rule, kinds, first, chosen), here)
+                emitter.emit_by_context(key, np.zeros(len(chosen), np.int64), here)
             else:
                 coarse = coarsen(here, 1)
-                emitter.emit_by_context(key, trit_contexts(rule, kinds, coarse), here - 3 * coarse)
+                emitter.emit_by_context(key, trit_contexts(coarse), here - 3 * coarse)
         if predicted is not None:
             predicted.settle(step, chosen, coarsen(values[chosen], (at[chosen] - step)[:, None]))
 
@@ -110,18 +87,15 @@ def put_channel(
 def get_channel(
     reader: SymbolReader,
     channel: Channel,
-    classes: I64,
     before: I64,
     after: I64,
     values: I32,
-    first: FirstValues,
     predicted: PredictedChannel | None = None,
 ) -> None:
     """Read the steps before+1..after of every anchor of a tile, in place.
 
     Args:
         values: (n, components) int32, v at `before` steps on entry, at `after` on return.
-        first: first-step values of the channels up to and including this one; the last array is written.
         predicted: the channel's predictors, if it has any.
 
     Raises:
@@ -132,8 +106,6 @@ def get_channel(
         symbols = _read_components(reader, channel, step, components, kinds)
         here = _in_range(symbols if step == 1 else 3 * coarse + _checked(symbols), channel)
         values[part[:, None], components] = here.T
-        if step == 1:
-            first[-1][part[:, None], components] = here.T
         return here
 
     for step in steps_coded(before, after):
@@ -141,17 +113,14 @@ def get_channel(
         if not len(chosen):
             continue
         if predicted is not None and predicted.covers(step):
-            _code_predicted(channel, step, chosen, classes, values, first, predicted, get)
+            _code_predicted(channel, step, chosen, values, predicted, get)
             continue
-        kinds = classes[chosen]
         if step == 1:
-            for component, rule in enumerate(channel.rules):
-                key = TableKey(channel.stream, component, 1, 0)
-                here = reader.read_by_context(key, contexts(rule, kinds, first, chosen)).astype(np.int64)
-                first[-1][chosen, component] = _in_range(here, channel)
-            values[chosen] = first[-1][chosen]
+            kinds = [np.zeros(len(chosen), np.int64)] * channel.components
+            here = _read_components(reader, channel, 1, range(channel.components), kinds)
+            values[chosen] = _in_range(here, channel).T
         else:
-            values[chosen] = _refined(reader, channel, step, kinds, values[chosen]).T
+            values[chosen] = _refined(reader, channel, step, values[chosen]).T
         if predicted is not None:
             predicted.settle(step, chosen, values[chosen])
 
@@ -171,9 +140,7 @@ def _code_predicted(
     channel: Channel,
     step: int,
     chosen: I64,
-    classes: I64,
     values: Ints,
-    first: FirstValues,
     predicted: PredictedChannel,
     exchange: Exchange,
 ) -> None:
@@ -189,11 +156,9 @@ def _code_predicted(
             coarse = values[part[:, None], components].T.astype(np.int64)
             kinds = []
             for component, before in zip(components, coarse, strict=True):
-                found, rule = predicted.contexts(component), channel.rules[component]
-                if found is None and step == 1:
-                    found = contexts(rule, classes[part], first, part)
-                elif found is None:
-                    found = trit_contexts(rule, classes[part], before)
+                found = predicted.contexts(component)
+                if found is None:
+                    found = trit_contexts(before) if step > 1 else np.zeros(len(part), np.int64)
                 kinds.append(found)
             for component, now in zip(components, exchange(part, step, components, kinds, coarse), strict=True):
                 predicted.know(component, now)
@@ -208,7 +173,7 @@ def _read_components(
     return reader.read_grouped(key, keys).astype(np.int64).reshape(len(components), -1)
 
 
-def _refined(reader: SymbolReader, channel: Channel, step: int, kinds: I64, values: Ints) -> Ints:
+def _refined(reader: SymbolReader, channel: Channel, step: int, values: Ints) -> Ints:
     """(components, n) values after ternary step `step`, of (n, components) int32 values before it.
 
     No component's context depends on another's refinement: all are sorted into their contexts at once. Arrays are
@@ -217,9 +182,6 @@ def _refined(reader: SymbolReader, channel: Channel, step: int, kinds: I64, valu
     coarse = np.ascontiguousarray(values.T)
     keys = np.clip(coarse, -2, 2).astype(np.int16)
     keys += (2 + CONTEXTS * np.arange(len(coarse), dtype=np.int16))[:, None]
-    by_class = np.array([[rule.by_class] for rule in channel.rules])
-    if by_class.any():
-        keys += by_class * (kinds * _SOURCE_CONTEXTS).astype(np.int16)
     key = StepKey(channel.stream, tuple(range(len(coarse))), step)
     trits = _checked(reader.read_grouped(key, keys.ravel())).astype(np.int8).reshape(coarse.shape)
     if _reach_of(coarse) > VALUE_LIMIT // 3 - 1:

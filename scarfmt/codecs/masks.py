@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from scarfmt.arrays import I64, Bools, Ints
+from scarfmt.arrays import Bools, Ints
 from scarfmt.container.schema import Stream
 from scarfmt.entropy.emitters import Emitter
 from scarfmt.entropy.keys import TableKey
@@ -46,24 +46,23 @@ def get_masks(reader: SymbolReader, before: Bools) -> Bools:
     return after
 
 
-def put_offsets(emitter: Emitter, channel: Channel, offsets: Ints, classes: I64, turned_on: Bools) -> None:
+def put_offsets(emitter: Emitter, channel: Channel, offsets: Ints, turned_on: Bools) -> None:
     """Emit the offsets of slots that turn on, anchor by anchor, slot by slot.
 
     Args:
         offsets: (n, K, 3) int32 quantised offsets.
-        classes: (n,) class of each anchor.
         turned_on: (n, K) bool.
     """
     anchor, slot = np.nonzero(turned_on)
-    for component, rule in enumerate(channel.rules):
-        context = classes[anchor] * 16 if rule.by_class else np.zeros(len(anchor), np.int64)
+    context = np.zeros(len(anchor), np.int64)
+    for component in range(channel.components):
         emitter.emit_by_context(TableKey(channel.stream, component, 1, 0), context, offsets[anchor, slot, component])
 
 
-def get_offsets(reader: SymbolReader, channel: Channel, offsets: Ints, classes: I64, turned_on: Bools) -> None:
+def get_offsets(reader: SymbolReader, channel: Channel, offsets: Ints, turned_on: Bools) -> None:
     """Read the offsets of slots that turn on into `offsets`, (n, K, 3) int32, in place."""
     anchor, slot = np.nonzero(turned_on)
-    for component, rule in enumerate(channel.rules):
-        context = classes[anchor] * 16 if rule.by_class else np.zeros(len(anchor), np.int64)
+    context = np.zeros(len(anchor), np.int64)
+    for component in range(channel.components):
         values = reader.read_by_context(TableKey(channel.stream, component, 1, 0), context)
         offsets[anchor, slot, component] = values

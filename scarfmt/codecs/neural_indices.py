@@ -8,23 +8,19 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from scarfmt.arrays import F32, I16, I32, I64, Ints
-from scarfmt.counters import Part
 from scarfmt.entropy.emitters import Emitter
 from scarfmt.entropy.symbol_reader import SymbolReader
-from scarfmt.neural.context import Sums, count_features
+from scarfmt.neural.context import CellSums, count_features
 from scarfmt.neural.evaluator import Block, Evaluator
 from scarfmt.neural.grid import HashGrid
 from scarfmt.neural.layer_context import LayerContext
 from scarfmt.neural.network import IndexNetwork
-from scarfmt.neural.operations import NUMPY, Operations
-from scarfmt.neural.products import NetworkWork, grid_products
-from scarfmt.scene.codebooks import Codebooks
+from scarfmt.scene.model import Codebooks
 
 CLASS_VALUE = 64
 _ATTRIBUTE_SHIFT = 6
@@ -47,19 +43,13 @@ class IndexCoder:
     evaluator: Evaluator
 
 
-def index_coder(
-    network: IndexNetwork, books: Codebooks, grid: HashGrid | None = None, operations: Operations = NUMPY
-) -> IndexCoder:
-    """The coder of a file's index network; `operations` does the arithmetic, with equal results whichever it is."""
-    return IndexCoder(network, books, grid, Evaluator(network, books, operations))
+def index_coder(network: IndexNetwork, books: Codebooks, grid: HashGrid | None = None) -> IndexCoder:
+    """The coder of a file's index network."""
+    return IndexCoder(network, books, grid, Evaluator(network, books))
 
 
-# (stage, anchors, mixer outputs) -> their indices of that stage: emits or reads one run of symbols.
-Exchange = Callable[[int, I64, Any], I64]
-# (coder, what it reads, anchors of a pass) -> their input columns.
-Columns = Callable[["IndexCoder", "Around", I64], F32]
-# (reader, coder, stage, mixer outputs, how many) -> the indices of a stage.
-ReadSymbols = Callable[[SymbolReader, "IndexCoder", int, Any, int], I64]
+# (stage, anchors, mixer outputs) -> nothing: emits or reads one run of symbols.
+Exchange = Callable[[int, I64, F32], None]
 
 
 @dataclass(frozen=True)
@@ -75,7 +65,7 @@ class Around:
 
     context: LayerContext
     settled: I32
-    means: Sums
+    means: CellSums
     grid: I16
 
 
@@ -103,23 +93,17 @@ def embedding_inputs(coder: IndexCoder, known: Around, part: I64) -> F32:
     return np.clip(x, -amax, amax, out=x)
 
 
-def read_first(reader: SymbolReader, coder: IndexCoder, stage: int, mixed: Any, count: int) -> I64:
-    """(count,) codewords of a flat head, clusters of a two-level one, of (count, Y) mixer outputs."""
-    first = np.empty(count, np.int64)
-    for block in coder.evaluator.first_blocks(int(stage > 1), mixed):
-        first[block.rows] = reader.read_logits(block.logits, block.weights, stage)
-    return first
-
-
-def read_symbols(reader: SymbolReader, coder: IndexCoder, stage: int, mixed: Any, count: int) -> I64:
+def _read_symbols(reader: SymbolReader, coder: IndexCoder, stage: int, mixed: F32, count: int) -> I64:
     """(count,) indices of a stage, of (count, Y) mixer outputs: a symbol each, or a cluster and a member."""
     book, evaluator = int(stage > 1), coder.evaluator
-    head, first = coder.network.heads[book], read_first(reader, coder, stage, mixed, count)
+    head, first = coder.network.heads[book], np.empty(count, np.int64)
+    for block in evaluator.first_blocks(book, mixed):
+        first[block.rows] = reader.read_rows(block.weights(), stage)
     if not head.two_level:
         return first
     out: I64 = head.starts[first]
     for block in evaluator.member_blocks(book, mixed, first):
-        out[block.rows] += reader.read_logits(block.logits, block.weights, stage)
+        out[block.rows] += reader.read_rows(block.weights(), stage)
     return out
 
 
@@ -130,7 +114,6 @@ def put_neural_indices(
     indices: Ints,
     before: I64,
     after: I64,
-    columns: Columns = embedding_inputs,
 ) -> None:
     """Emit stages before+1..after of every anchor known.
 
@@ -138,15 +121,12 @@ def put_neural_indices(
         context: with every channel settled for this layer.
         indices: (n, stages) int16 codeword numbers.
         before, after: (n,) stages before and after this layer.
-        columns: gives the network's inputs.
     """
 
-    def put(stage: int, anchors: I64, mixed: Any) -> I64:
-        chosen: I64 = indices[anchors, stage - 1].astype(np.int64)
-        _put_symbols(emitter, coder, int(stage > 1), mixed, chosen)
-        return chosen
+    def put(stage: int, anchors: I64, mixed: F32) -> None:
+        _put_symbols(emitter, coder, int(stage > 1), mixed, indices[anchors, stage - 1].astype(np.int64))
 
-    _code(coder, context, indices, (before, after), put, columns)
+    _code(coder, context, indices, (before, after), put)
 
 
 def get_neural_indices(
@@ -156,43 +136,17 @@ def get_neural_indices(
     indices: I16,
     before: I64,
     after: I64,
-    columns: Columns = embedding_inputs,
-    symbols: ReadSymbols = read_symbols,
 ) -> None:
     """Read stages before+1..after into `indices`, (n, stages) int16, in place.
 
     Args:
-        context, before, after, columns: as of :func:`put_neural_indices`.
-        symbols: reads the indices of a stage.
+        context, before, after: as of :func:`put_neural_indices`.
     """
 
-    def get(stage: int, anchors: I64, mixed: Any) -> I64:
-        chosen = symbols(reader, coder, stage, mixed, len(anchors))
-        indices[anchors, stage - 1] = chosen
-        return chosen
+    def get(stage: int, anchors: I64, mixed: F32) -> None:
+        indices[anchors, stage - 1] = _read_symbols(reader, coder, stage, mixed, len(anchors))
 
-    _code(coder, context, indices, (before, after), get, columns)
-
-
-def count_pass(coder: IndexCoder, context: LayerContext, part: I64, indices: Ints, stages: tuple[I64, I64]) -> None:
-    """Count the work of a pass that was coded elsewhere.
-
-    Args:
-        part: (m,) its anchors.
-        indices: (n, stages) of all anchors.
-        stages: (m,) before and after this layer.
-    """
-    before, after = stages
-    work = NetworkWork(coder.network, context.counters)
-    work.embedded(len(part))
-    last = int(after.max(initial=0))
-    for stage in range(1, last + 1):
-        coded = part[(before < stage) & (after >= stage)]
-        if len(coded):
-            work.mixed(stage, len(coded))
-            work.coded(stage, indices[coded, stage - 1].astype(np.int64))
-        if stage < last:
-            work.advanced(stage, len(part))
+    _code(coder, context, indices, (before, after), get)
 
 
 def _code(
@@ -201,7 +155,6 @@ def _code(
     indices: Ints,
     stages: tuple[I64, I64],
     exchange: Exchange,
-    columns: Columns,
 ) -> None:
     before, after = stages
     settled = context.settled()
@@ -213,7 +166,7 @@ def _code(
     cohort = np.flatnonzero(before < after)
     around = Around(context, settled, means, grid_features(coder, context, before < after))
     for part in context.parts(cohort):
-        inputs = columns(coder, around, part)
+        inputs = embedding_inputs(coder, around, part)
         _code_pass(coder, around, part, inputs, indices, (before[part], after[part]), exchange)
         decoded = coder.books.latents(indices[part], after[part], width)
         means.add(context.rows(part), np.concatenate([settled[part], decoded], axis=1))
@@ -226,8 +179,6 @@ def grid_features(coder: IndexCoder, context: LayerContext, wanted: NDArray[np.b
         # In Morton order, in which neighbours share cells.
         ordered = context.by_code[wanted[context.by_code]]
         out[ordered] = context.grid_features(coder.grid, ordered)
-        if context.counters is not None:
-            context.counters.multiply(Part.HASH_GRID, len(ordered), grid_products(coder.grid))
     return out
 
 
@@ -243,25 +194,21 @@ def _code_pass(
     """All stages of the anchors of one pass; the recurrent state runs over stages received earlier, too."""
     evaluator, observer = coder.evaluator, around.context.observer
     before, after = stages
-    work = NetworkWork(coder.network, around.context.counters)
     watch = None if observer is None else observer.embedding
     embedded = evaluator.embed(inputs, watch)
-    work.embedded(len(part))
     state = evaluator.start(len(part))
     for stage in range(1, int(after.max(initial=0)) + 1):
         coded = np.flatnonzero((before < stage) & (after >= stage))
         if len(coded):
             whole = len(coded) == len(part)
             here = (embedded, state) if whole else (embedded[coded], evaluator.take(state, coded))
-            work.mixed(stage, len(coded))
-            work.coded(stage, exchange(stage, part[coded], evaluator.mixed(*here)))
+            exchange(stage, part[coded], evaluator.mixed(*here))
         if stage < int(after.max()):
-            work.advanced(stage, len(part))
             # Anchors without this stage are not coded later: their state no longer matters.
             state = evaluator.advance(state, stage, np.where(after >= stage, indices[part, stage - 1], 0))
 
 
-def _put_symbols(emitter: Emitter, coder: IndexCoder, book: int, mixed: Any, symbols: I64) -> None:
+def _put_symbols(emitter: Emitter, coder: IndexCoder, book: int, mixed: F32, symbols: I64) -> None:
     head, evaluator = coder.network.heads[book], coder.evaluator
     if not head.two_level:
         _put_blocks(emitter, evaluator.first_blocks(book, mixed), symbols)
@@ -274,4 +221,4 @@ def _put_symbols(emitter: Emitter, coder: IndexCoder, book: int, mixed: Any, sym
 
 def _put_blocks(emitter: Emitter, blocks: Iterable[Block], symbols: I64) -> None:
     for block in blocks:
-        emitter.emit_logits(block.logits, block.weights, symbols[block.rows])
+        emitter.emit_rows(block.weights(), symbols[block.rows])

@@ -8,8 +8,7 @@ from scarfmt.container.schema import Profile, Stream
 from scarfmt.errors import Malformed
 from scarfmt.neural.grid import HashGrid
 from scarfmt.neural.network import IndexNetwork
-from scarfmt.scene.codebooks import Codebooks
-from scarfmt.scene.model import SceneModel
+from scarfmt.scene.model import Codebooks, SceneModel
 
 OUTPUTS_PER_SLOT = (1, 7, 3)
 """Outputs for each slot of the networks of a SCENE_MLP block, in their order: opacity, covariance, colour."""

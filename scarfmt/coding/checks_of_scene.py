@@ -9,11 +9,10 @@ import numpy as np
 
 from scarfmt.arrays import I64
 from scarfmt.codecs.channels import REACH, VALUE_LIMIT, cell_widths, coarsen
-from scarfmt.coding.tile import TileContent, first_values
+from scarfmt.coding.tile import TileContent
 from scarfmt.container.schema import Profile, Stream
 from scarfmt.errors import InvalidInput
-from scarfmt.scene.codebooks import Codebooks
-from scarfmt.scene.model import SceneModel, first_layers
+from scarfmt.scene.model import Codebooks, SceneModel, first_layers
 
 
 def check_books(model: SceneModel, books: Codebooks | None) -> None:
@@ -53,8 +52,6 @@ def check_content(model: SceneModel, books: Codebooks | None, bits: int, content
     _check_indices(model, books, content)
     for index in range(len(model.channels)):
         _check_values(model, index, content)
-    firsts = zip(content.first, first_values(model, content), strict=True)
-    _require(all(np.array_equal(a, b) for a, b in firsts), "first-step values are not those of the values", "first")
 
 
 def _require(holds: bool, fault: str, field: str) -> None:

@@ -9,26 +9,23 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from scarfmt.blocks.layer import Opening
 from scarfmt.blocks.mlp import QuantisedMlp
 from scarfmt.blocks.registry import BLOCKS, MODEL_BLOCKS
 from scarfmt.blocks.spec import Inflate, Reading
 from scarfmt.codecs.neural_indices import index_coder
 from scarfmt.coding.checks_of_models import check_index_network, check_networks
-from scarfmt.coding.engine import NUMPY_ENGINE, Engine
 from scarfmt.coding.tile import NeuralModels
 from scarfmt.coding.work import DeclaredWork
 from scarfmt.container.directory import Entry, block_name
 from scarfmt.container.header import HeaderFields
 from scarfmt.container.registries import BlockKind, Stream
-from scarfmt.entropy.symbol_tables import StaticTables
+from scarfmt.entropy.keys import TableKey
+from scarfmt.entropy.symbol_tables import SymbolTable
 from scarfmt.errors import Malformed, ScarError
-from scarfmt.kept import Keeper
 from scarfmt.neural.grid import HashGrid
 from scarfmt.neural.network import IndexNetwork
 from scarfmt.neural.predictors import Predictor, check_predictors
-from scarfmt.scene.codebooks import Codebooks
-from scarfmt.scene.model import DecodedContext, LayerRow, SceneModel, first_layers
+from scarfmt.scene.model import Codebooks, DecodedContext, LayerRow, Opening, SceneModel, first_layers
 
 T = TypeVar("T")
 
@@ -101,7 +98,7 @@ class ModelBlocks:
 
 
 @dataclass(frozen=True)
-class SceneModels(Keeper):
+class SceneModels:
     """Everything of a file's first `layers` layers that belongs to no tile.
 
     Attributes:
@@ -116,7 +113,7 @@ class SceneModels(Keeper):
     """
 
     model: SceneModel
-    tables: tuple[StaticTables, ...]
+    tables: tuple[dict[TableKey, SymbolTable], ...]
     codebooks: Codebooks | None
     decoder: QuantisedMlp | None
     scene_mlps: tuple[QuantisedMlp, ...]
@@ -130,14 +127,14 @@ class SceneModels(Keeper):
         networks = (*(() if self.decoder is None else (self.decoder,)), *self.scene_mlps)
         return DeclaredWork(self.model, self.tables, self.predictors, self.network, self.codebooks, self.grid, networks)
 
-    def neural(self, engine: Engine = NUMPY_ENGINE, *, indices: bool = True) -> tuple[NeuralModels, ...]:
-        """The models that code symbols beside static tables, for each layer, prepared for an engine.
+    def neural(self, *, indices: bool = True) -> tuple[NeuralModels, ...]:
+        """The models that code symbols beside static tables, for each layer.
 
         Without `indices`, the index network is not prepared: none can be decoded.
         """
         coder = None
         if indices and self.network is not None and self.codebooks is not None:
-            coder = index_coder(self.network, self.codebooks, self.grid, engine.operations)
+            coder = index_coder(self.network, self.codebooks, self.grid)
         return tuple(NeuralModels(predictors, coder) for predictors in self.predictors)
 
 
@@ -155,12 +152,12 @@ def load_models(fields: HeaderFields, layers: int, blocks: ModelBlocks) -> Scene
     """
     rows: list[LayerRow] = []
     opening = NOTHING_OPENED
-    tables: list[StaticTables] = []
+    tables: list[dict[TableKey, SymbolTable]] = []
     for layer in range(1, layers + 1):
         row, opening = blocks.parsed(BlockKind.LAYER, layer, opening)
         rows.append(row)
         new = blocks.parsed(BlockKind.TABLES, layer) or {}
-        tables.append(StaticTables({**(tables[-1] if tables else {}), **new}))
+        tables.append({**(tables[-1] if tables else {}), **new})
     channels, context = opening
     model = SceneModel(fields.profile, fields.slots, channels, tuple(rows), context)
     model.check()

@@ -15,15 +15,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scarfmt.arrays import I16, I32, I64, U64, Ints
-from scarfmt.codecs.channels import check_reach, coarsen, steps_between
+from scarfmt.codecs.channels import check_reach, coarsen, get_channel, put_channel, steps_between
 from scarfmt.codecs.classes import get_classes, put_classes
 from scarfmt.codecs.indices import get_indices, put_indices
 from scarfmt.codecs.masks import get_masks, get_offsets, put_masks, put_offsets
-from scarfmt.codecs.neural_indices import IndexCoder
-from scarfmt.coding.engine import NUMPY_ENGINE, Engine
+from scarfmt.codecs.neural_indices import IndexCoder, get_neural_indices, put_neural_indices
+from scarfmt.codecs.positions import get_positions, put_positions
 from scarfmt.container.directory import TileFrame
 from scarfmt.container.schema import Profile, Stream
-from scarfmt.counters import Counters
 from scarfmt.entropy.emitters import Emitter
 from scarfmt.entropy.symbol_reader import SymbolReader
 from scarfmt.neural.layer_context import LayerContext
@@ -68,7 +67,6 @@ class TileContent:
         codes: (n,) uint64 local Morton codes.
         classes: (n,) int64.
         values: per channel (n, components) int32, v after the steps the layer table gives; offsets (n, K, 3).
-        first: per channel (n, components) int32 first-step values (the offsets channel: empty).
         indices: (n, stages) int16 codeword numbers, 0 where none was received.
         slot_layers: (n, K) int64 layer that turned the slot on, 0 = off; K = 0 in the explicit profile.
     """
@@ -76,7 +74,6 @@ class TileContent:
     codes: U64
     classes: I64
     values: list[I32]
-    first: list[I32]
     indices: I16
     slot_layers: I64
 
@@ -91,12 +88,10 @@ class TileContent:
             np.zeros((count, slots, c.components) if c.per_slot else (count, c.components), np.int32)
             for c in model.channels
         ]
-        first = [np.zeros((count, 0 if c.per_slot else c.components), np.int32) for c in model.channels]
         return cls(
             np.zeros(count, np.uint64),
             np.zeros(count, np.int64),
             values,
-            first,
             np.zeros((count, model.max_stages), np.int16),
             np.zeros((count, slots), np.int64),
         )
@@ -107,24 +102,9 @@ class TileContent:
             self.codes[:count],
             self.classes[:count],
             [values[:count] for values in self.values],
-            [values[:count] for values in self.first],
             self.indices[:count],
             self.slot_layers[:count],
         )
-
-
-def first_values(model: SceneModel, content: TileContent) -> list[I32]:
-    """First-step values of every channel, from values at the model's last layer; zeros where none is sent."""
-    layer = len(model.layers)
-    out = []
-    for index, channel in enumerate(model.channels):
-        if channel.per_slot:
-            out.append(np.zeros((len(content), 0), np.int32))
-            continue
-        steps = model.steps(layer, index, content.classes)
-        coarse = coarsen(content.values[index], np.maximum(steps - 1, 0)[:, None])
-        out.append(np.where(steps[:, None] > 0, coarse, 0).astype(np.int32))
-    return out
 
 
 def put_layer(
@@ -134,7 +114,6 @@ def put_layer(
     content: TileContent,
     emitters: Callable[[Stream], Emitter],
     neural: NeuralModels = STATIC,
-    engine: Engine = NUMPY_ENGINE,
 ) -> int:
     """Emit one layer of one tile.
 
@@ -145,7 +124,6 @@ def put_layer(
         content: the tile at the model's last layer, anchors in order.
         emitters: gives the emitter of a stream kind.
         neural: predictors and index network.
-        engine: what computes.
 
     Returns:
         How many anchors first appear in it.
@@ -155,35 +133,32 @@ def put_layer(
     content = content.head(int((content.classes < past).sum()))
     classes = content.classes
     new = np.flatnonzero(classes >= known)
-    engine.put_positions(emitters(Stream.POSITIONS), content.codes[new], frame.bits)
+    put_positions(emitters(Stream.POSITIONS), content.codes[new], frame.bits)
     put_classes(emitters(Stream.CLASSES), classes[new], known, past)
     if model.profile == Profile.ANCHOR:
         slot_layers = content.slot_layers
         before, after = (slot_layers > 0) & (slot_layers < layer), (slot_layers > 0) & (slot_layers <= layer)
         put_masks(emitters(Stream.MASKS), before, after)
     last = len(model.layers)
-    known_first: list[I32] = []
     coder = neural.coder(model, layer)
-    context = _context(model, frame, content, neural.sets, coder, engine)
+    context = _context(model, frame, content, neural.sets, coder)
     for index, channel in enumerate(model.channels):
         emitter = emitters(channel.stream)
         if channel.per_slot:
-            put_offsets(emitter, channel, content.values[index], classes, after & ~before)
+            put_offsets(emitter, channel, content.values[index], after & ~before)
             continue
         before_steps, after_steps = model.steps(layer - 1, index, classes), model.steps(layer, index, classes)
-        # A context source counts as 0 until its own first step has travelled, as the decoder sees it.
-        known_first.append(content.first[index] * (after_steps > 0)[:, None].astype(np.int32))
         final = (content.values[index], model.steps(last, index, classes))
         predicted = None
         if context is not None:
             steps = before_steps, after_steps
             predicted = _predicted(context, index, neural.sets, _at(*final, before_steps), steps)
-        engine.put_channel(emitter, channel, classes, (before_steps, after_steps), final, known_first, predicted)
+        put_channel(emitter, channel, before_steps, after_steps, final, predicted)
         if context is not None and index in model.attributes:
             context.settle(index, _at(*final, after_steps), after_steps)
     stages = model.stages(layer - 1, classes), model.stages(layer, classes)
     if coder is not None and context is not None:
-        engine.put_neural_indices(emitters(Stream.INDICES), coder, context, content.indices, stages)
+        put_neural_indices(emitters(Stream.INDICES), coder, context, content.indices, *stages)
     else:
         put_indices(emitters(Stream.INDICES), content.indices, classes, *stages)
     return len(new)
@@ -200,14 +175,12 @@ def _context(
     content: TileContent,
     predictors: PredictorSet,
     coder: IndexCoder | None,
-    engine: Engine,
     observer: LayerObserver | None = None,
-    counters: Counters | None = None,
 ) -> LayerContext | None:
     """The decoded context of a tile-layer, None where nothing looks at it."""
     if coder is None and not predictors:
         return None
-    return LayerContext(model, frame, content.codes, content.classes, observer, counters, engine)
+    return LayerContext(model, frame, content.codes, content.classes, observer)
 
 
 def _predicted(
@@ -228,13 +201,9 @@ def needed_streams(model: SceneModel, wanted: Collection[Stream], neural: Neural
         for index in model.attributes:
             need[index] = True
     for index in range(len(need) - 1, -1, -1):
-        if need[index]:
-            for rule in model.channels[index].rules:
-                if rule.source_channel < len(need):
-                    need[rule.source_channel] = True
-            if model.channels[index].stream in predicted:
-                for source in model.attributes:
-                    need[source] |= source < index
+        if need[index] and model.channels[index].stream in predicted:
+            for source in model.attributes:
+                need[source] |= source < index
     return frozenset(channel.stream for channel, needed in zip(model.channels, need, strict=True) if needed)
 
 
@@ -259,8 +228,6 @@ def get_layer(
     book_sizes: tuple[int, int],
     neural: NeuralModels = STATIC,
     observer: LayerObserver | None = None,
-    counters: Counters | None = None,
-    engine: Engine = NUMPY_ENGINE,
 ) -> None:
     """Read one layer of one tile, in place: the inverse of :func:`put_layer`.
 
@@ -272,28 +239,26 @@ def get_layer(
         book_sizes: codewords in the coarse and the residual codebook.
         neural: predictors and index network.
         observer: told what they compute.
-        counters: of their multiply-adds.
-        engine: what computes.
     """
     if new:
-        _get_new(model, layer, frame, content, new, open_stream, engine)
+        _get_new(model, layer, frame, content, new, open_stream)
     classes, turned_on = content.classes, _turned_on(model, layer, content, open_stream)
     need = needed_streams(model, wanted, neural)
     coder = neural.coder(model, layer) if Stream.INDICES in wanted else None
-    context = _context(model, frame, content, neural.sets, coder, engine, observer, counters)
+    context = _context(model, frame, content, neural.sets, coder, observer)
     for index, channel in enumerate(model.channels):
         if channel.stream not in need:
             continue
         with _opened(open_stream, channel.stream) as reader:
             if channel.per_slot:
-                get_offsets(reader, channel, content.values[index], classes, turned_on)
+                get_offsets(reader, channel, content.values[index], turned_on)
                 continue
             steps = model.steps(layer - 1, index, classes), model.steps(layer, index, classes)
-            values, first = content.values[index], content.first[: index + 1]
+            values = content.values[index]
             predicted = None
             if context is not None:
                 predicted = _predicted(context, index, neural.sets, values, steps)
-            engine.get_channel(reader, channel, classes, steps, values, first, predicted)
+            get_channel(reader, channel, *steps, values, predicted)
         if context is not None and index in model.attributes:
             context.settle(index, content.values[index], steps[1])
         # What this layer leaves as it was has been checked.
@@ -303,7 +268,7 @@ def get_layer(
         with _opened(open_stream, Stream.INDICES) as reader:
             stages = model.stages(layer - 1, classes), model.stages(layer, classes)
             if coder is not None and context is not None:
-                engine.get_neural_indices(reader, coder, context, content.indices, stages)
+                get_neural_indices(reader, coder, context, content.indices, *stages)
                 return
             get_indices(reader, content.indices, classes, *stages, book_sizes)
 
@@ -315,11 +280,10 @@ def _get_new(
     content: TileContent,
     new: int,
     open_stream: OpenStream,
-    engine: Engine,
 ) -> None:
     """Positions and classes of the last `new` anchors."""
     with _opened(open_stream, Stream.POSITIONS) as reader:
-        content.codes[-new:] = engine.get_positions(reader, new, frame.bits)
+        content.codes[-new:] = get_positions(reader, new, frame.bits)
     with _opened(open_stream, Stream.CLASSES) as reader:
         known, past = model.first_new_class(layer), model.layers[layer - 1].class_count
         content.classes[-new:] = get_classes(reader, new, known, past)

@@ -25,8 +25,7 @@ from scarfmt.limits import FREE_CONTENT, FREE_WORK, Limits
 from scarfmt.neural.grid import HashGrid
 from scarfmt.neural.network import IndexNetwork
 from scarfmt.neural.predictors import Predictor
-from scarfmt.scene.codebooks import Codebooks
-from scarfmt.scene.model import LayerRow, SceneModel
+from scarfmt.scene.model import Codebooks, LayerRow, SceneModel
 
 SYMBOL = 1 << 8
 """One symbol from a table."""
@@ -208,10 +207,13 @@ class Contents:
     Args:
         file_length: of the file.
         limits: what the reader accepts.
+
+    Attributes:
+        left: bytes that the next frames may unfold to.
     """
 
     def __init__(self, file_length: int, limits: Limits) -> None:
-        self._left = FREE_CONTENT + limits.content_per_byte * file_length
+        self.left = FREE_CONTENT + limits.content_per_byte * file_length
 
     def decompress(self, frame: bytes, limit: int, field: str) -> bytes:
         """:func:`scarfmt.container.bytefields.decompress`, where no more is left than the frames before did not use.
@@ -219,8 +221,8 @@ class Contents:
         Raises:
             LimitExceeded: ``limit-expansion``.
         """
-        content = decompress(frame, limit, field, self._left)
-        self._left -= len(content)
+        content = decompress(frame, limit, field, self.left)
+        self.left -= len(content)
         return content
 
 

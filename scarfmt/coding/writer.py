@@ -22,9 +22,8 @@ from scarfmt.blocks.tables import fit_table, pack_table
 from scarfmt.codecs.channels import coarsen
 from scarfmt.codecs.neural_indices import IndexCoder, index_coder
 from scarfmt.coding.checks_of_scene import check_books, check_content
-from scarfmt.coding.engine import NUMPY_ENGINE, Engine
 from scarfmt.coding.reader import SceneReader
-from scarfmt.coding.tile import NeuralModels, TileContent, first_values, put_layer
+from scarfmt.coding.tile import NeuralModels, TileContent, put_layer
 from scarfmt.container.directory import local_bits, tile_frame
 from scarfmt.container.file import Block, HeaderFields, Tile, write_container
 from scarfmt.container.schema import BlockKind, Profile, Stream
@@ -39,8 +38,7 @@ from scarfmt.limits import FORMAT_LIMITS
 from scarfmt.neural.grid import HashGrid
 from scarfmt.neural.network import IndexNetwork
 from scarfmt.neural.predictors import Predictor
-from scarfmt.scene.codebooks import Codebooks
-from scarfmt.scene.model import SceneModel
+from scarfmt.scene.model import Codebooks, SceneModel
 
 Report = Callable[[str, float], None]
 Histogram = Mapping[TableKey, tuple[I64, I64]]
@@ -126,14 +124,13 @@ class RecordedTile:
     new: int
     streams: dict[Stream, RecordedSymbols]
 
-    def block(self, layer: int, tile: int, tables: Mapping[TableKey, SymbolTable], engine: Engine) -> Block | None:
+    def block(self, layer: int, tile: int, tables: Mapping[TableKey, SymbolTable]) -> Block | None:
         """The TILE block, None where there is nothing to say.
 
         Args:
             tables: in force in the layer.
-            engine: what computes.
         """
-        streams = {stream: symbols.code(tables, engine.symbol_writer) for stream, symbols in self.streams.items()}
+        streams = {stream: symbols.code(tables) for stream, symbols in self.streams.items()}
         if not self.new and not any(streams.values()):
             return None
         sizes = {int(stream): len(data) for stream, data in streams.items()}
@@ -141,21 +138,20 @@ class RecordedTile:
 
 
 def record_tile(
-    scene: QuantisedScene, layer: int, tile: int, neural: NeuralModels, counter: SymbolCounter, engine: Engine
+    scene: QuantisedScene, layer: int, tile: int, neural: NeuralModels, counter: SymbolCounter
 ) -> RecordedTile:
     """One layer of one tile, its symbols counted by `counter`.
 
     Args:
         neural: of the scene and the layer.
-        engine: what computes.
     """
     recorders: dict[Stream, SymbolRecorder] = {}
 
     def recorder(stream: Stream) -> SymbolRecorder:
-        return recorders.setdefault(stream, SymbolRecorder(counter, engine.symbol_writer))
+        return recorders.setdefault(stream, SymbolRecorder(counter))
 
     frame = tile_frame(scene.fields, scene.tiles[tile])
-    new = put_layer(scene.model, layer, frame, scene.contents[tile], recorder, neural, engine)
+    new = put_layer(scene.model, layer, frame, scene.contents[tile], recorder, neural)
     return RecordedTile(new, {stream: one.settled() for stream, one in recorders.items()})
 
 
@@ -171,21 +167,20 @@ def _check(scene: QuantisedScene) -> None:
         check_content(scene.model, scene.codebooks, local_bits(scene.fields, tile), content)
 
 
-def _check_models(data: bytes, engine: Engine) -> None:
+def _check_models(data: bytes) -> None:
     # The reader's own rules are the writer's contract.
     try:
-        SceneReader(BytesSource(data), limits=FORMAT_LIMITS, engine=engine).models()
+        SceneReader(BytesSource(data), limits=FORMAT_LIMITS).models()
     except ScarError as error:
         raise InvalidInput("input-container", f"the file would break a rule: {error}") from error
 
 
-def write_scene(scene: QuantisedScene, report: Report = silent, engine: Engine = NUMPY_ENGINE) -> bytes:
-    """The bytes of a file. Equal scenes give equal bytes, whatever the engine.
+def write_scene(scene: QuantisedScene, report: Report = silent) -> bytes:
+    """The bytes of a file. Equal scenes give equal bytes.
 
     Args:
         scene: what to write.
         report: told (stage, fraction done).
-        engine: what computes.
 
     Raises:
         InvalidInput: ``input-container`` when the scene breaks a rule of SPEC.md, ``input-table`` when a channel
@@ -193,21 +188,21 @@ def write_scene(scene: QuantisedScene, report: Report = silent, engine: Engine =
     """
     _check(scene)
     layers = len(scene.model.layers)
-    known = StaticTables({})
+    known = StaticTables()
     blocks: list[Block] = []
     for layer in range(1, layers + 1):
         counter, neural = SymbolCounter(), scene.neural(layer)
         recorded = []
         for tile in range(len(scene.tiles)):
             report("code", (layer - 1 + tile / len(scene.tiles)) / layers)
-            recorded.append(record_tile(scene, layer, tile, neural, counter, engine))
+            recorded.append(record_tile(scene, layer, tile, neural, counter))
         sent = fitted_tables(counter.histograms(), known)
         known = StaticTables({**known, **sent})
         blocks += model_blocks(scene, layer, sent)
-        coded = (each.block(layer, tile, known, engine) for tile, each in enumerate(recorded))
+        coded = (each.block(layer, tile, known) for tile, each in enumerate(recorded))
         blocks += [block for block in coded if block is not None]
     data = write_container(scene.fields, scene.tiles, blocks, layer_counts(scene))
-    _check_models(data, engine)
+    _check_models(data)
     report("code", 1.0)
     return data
 
@@ -252,6 +247,4 @@ def _content_at(full: SceneModel, model: SceneModel, content: TileContent) -> Ti
     received = model.stages(layer, classes)
     indices = content.indices[kept][:, : model.max_stages]
     indices = np.where(np.arange(model.max_stages) < received[:, None], indices, 0).astype(np.int16)
-    part = TileContent(content.codes[kept], classes, values, [], indices, slot_layers)
-    part.first = first_values(model, part)
-    return part
+    return TileContent(content.codes[kept], classes, values, indices, slot_layers)

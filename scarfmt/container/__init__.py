@@ -5,8 +5,8 @@
     header      signature, version, header, layer summaries, with their checks in SPEC's order
     root, pages the directory, packed: where blocks, pages and tiles are
     directory   its tiles and entries as objects
-    paged       the directory of an opened file, page by page
-    file        a whole container: opened, blocks read by range; written
+    paged       an opened file: what is asked for is read, the directory page by page
+    file        a whole container, written
     substreams  the table at the front of a TILE block
     morton      the order of tiles, and of anchors in them (SPEC §6.3)
     bytefields  varints and counts of block contents; zstd_frame: the frames round some of them

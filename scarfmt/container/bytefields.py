@@ -1,4 +1,4 @@
-"""Variable-length integers and bounds-checked reading inside a block payload (SPEC §5.7).
+"""Variable-length integers, bounds-checked reading inside a payload, Zstandard frames (SPEC §5.7, §5.8).
 
 LEB128: seven bits a byte, least significant group first, the top bit set on all but the last byte.
 Signed values are zigzag-mapped first. A varint must be as short as its value allows.
@@ -6,16 +6,25 @@ Signed values are zigzag-mapped first. A varint must be as short as its value al
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from itertools import accumulate
+from typing import Any, Protocol
+
 import numpy as np
 import zstandard
 from numpy.typing import NDArray
 
 from scarfmt.arrays import I64
-from scarfmt.container.zstd_frame import frame_header
 from scarfmt.errors import InvalidInput, LimitExceeded, Malformed
 
 MAX_ZSTD_WINDOW = 8 << 20
 _ZSTD_LEVEL = 19
+_MAGIC = bytes.fromhex("28b52ffd")
+_SINGLE_SEGMENT, _RESERVED, _CHECKSUM = 1 << 5, 1 << 3, 1 << 2
+_DICTIONARY_BYTES = (0, 1, 2, 4)
+_SIZE_BYTES = (0, 2, 4, 8)
+_HEAD = ("magic", "descriptor", "window", "dictionary", "content_size")
+_BLOCK_KINDS = ("raw", "repeated", "compressed", "reserved")
 # So few integers are read faster one by one.
 _FEW = 12
 
@@ -57,15 +66,6 @@ def unsigned_varints(values: I64) -> bytes:
     return out.tobytes()
 
 
-def varints(payload: bytes, bits: int) -> I64 | None:
-    """(n,) int64: all of `payload` as LEB128 integers below 2^bits, at most 63; None if it is not just those."""
-    window = np.frombuffer(payload, np.uint8)
-    ends = np.flatnonzero(window < 0x80)
-    if not len(ends) or int(ends[-1]) != len(window) - 1:
-        return None
-    return _ending_at(window, ends, bits)
-
-
 def _ending_at(window: NDArray[np.uint8], ends: I64, bits: int) -> I64 | None:
     """(n,) int64 LEB128 integers whose last bytes are those at n >= 1 `ends`; None if one is not below 2^bits."""
     lengths = np.diff(ends, prepend=-1)
@@ -78,13 +78,24 @@ def _ending_at(window: NDArray[np.uint8], ends: I64, bits: int) -> I64 | None:
     return None if int(values.max()) >> bits else values
 
 
-class ByteReader:
-    """A cursor over one payload that never reads past its end."""
+class Trace(Protocol):
+    """Hears which bytes are what, as they are read."""
 
-    def __init__(self, data: bytes, field: str) -> None:
-        self._data = data
-        self._field = field
-        self._at = 0
+    def enter(self, name: str | int, at: int) -> None:
+        """A field, or the item of this number of a repetition, begins at byte `at` of the payload."""
+
+    def leave(self, value: Any, at: int) -> None:
+        """The field that began last ends before byte `at` and has this value."""
+
+    def part(self, name: str, start: int, past: int, value: Any) -> None:
+        """Bytes `start` to `past` of the payload are a part of the field that has begun."""
+
+
+class ByteReader:
+    """A cursor over one payload that never reads past its end, and that may be watched by a `trace`."""
+
+    def __init__(self, data: bytes, field: str, trace: Trace | None = None) -> None:
+        self._data, self._field, self._at, self.trace = data, field, 0, trace
 
     def take(self, length: int) -> bytes:
         """The next `length` bytes.
@@ -211,19 +222,18 @@ def decompress(frame: bytes, limit: int, field: str, allowance: int | None = Non
         Malformed: ``bad-zstd`` for anything that is not one whole frame with its content size, at least 1, a window
             of at most 8 MiB, and neither dictionary nor checksum.
     """
-    header = frame_header(frame, field)
-    size = header.content_size
+    size, window, dictionary, checksum = frame_header(frame, field)
     # Size 0 too: zstandard then looks at nothing after the frame header, and no structure here is empty.
-    if not size or header.dictionary:
+    if not size or dictionary:
         raise Malformed("bad-zstd", "a zstd frame must state its content size, without dictionary", field=field)
     # The block's CRC-32 covers the same bytes, and a decoder of its own is then simpler.
-    if header.checksum:
+    if checksum:
         raise Malformed("bad-zstd", "a zstd frame must not carry a checksum (SPEC §5.8)", field=field)
     if size > limit:
         raise LimitExceeded("content-limit", f"{size} bytes of content, at most {limit} allowed", field=field)
     # Checked here: zstandard applies its own window limit only when it streams.
-    if header.window_size > MAX_ZSTD_WINDOW:
-        message = f"a window of {header.window_size} bytes, at most 8 MiB allowed (SPEC §5.8)"
+    if window > MAX_ZSTD_WINDOW:
+        message = f"a window of {window} bytes, at most 8 MiB allowed (SPEC §5.8)"
         raise Malformed("bad-zstd", message, field=field)
     # After the rules of the format: what a reader may refuse by itself hides no fault of a frame header.
     if allowance is not None and size > allowance:
@@ -237,3 +247,75 @@ def decompress(frame: bytes, limit: int, field: str, allowance: int | None = Non
     if len(content) != size:
         raise Malformed("bad-zstd", f"{len(content)} bytes of content, {size} declared", field=field)
     return content
+
+
+def frame_header(frame: bytes, field: str) -> tuple[int, int, int, bool]:
+    """What the header of `frame` says, as SPEC §5.8 orders its checks.
+
+    The zstandard package refuses some headers, those of huge windows, before it tells what they say.
+
+    Returns:
+        Bytes of the content, 0 also where it does not say; bytes a decoder must keep; id of the dictionary, 0 for
+        none; whether a checksum follows.
+
+    Raises:
+        Malformed: ``bad-zstd`` for no frame, a header that is cut, or its reserved bit.
+    """
+    if len(frame) < 5 or not frame.startswith(_MAGIC):
+        raise Malformed("bad-zstd", "not a zstd frame", field=field)
+    descriptor, head = frame[4], _head(frame)
+    if descriptor & _RESERVED:
+        raise Malformed("bad-zstd", "a reserved bit of a zstd frame is 1", field=field)
+    if head["content_size"].stop > len(frame):
+        raise Malformed("bad-zstd", "the header of a zstd frame is cut", field=field)
+    _, _, window, dictionary, size = (int.from_bytes(frame[part.start : part.stop], "little") for part in head.values())
+    # Two bytes count from 256 on: one would do for less.
+    size += 256 if len(head["content_size"]) == 2 else 0
+    reach = _window(window) if head["window"] else size
+    return size, reach, dictionary, bool(descriptor & _CHECKSUM)
+
+
+def _head(frame: bytes) -> dict[str, range]:
+    """The bytes of each field of a frame's header, as its descriptor says; some have none."""
+    single = bool(frame[4] & _SINGLE_SEGMENT)
+    size_bytes = _SIZE_BYTES[frame[4] >> 6] or int(single)
+    sizes = (4, 1, int(not single), _DICTIONARY_BYTES[frame[4] & 3], size_bytes)
+    ends = accumulate(sizes)
+    return {name: range(end - size, end) for name, size, end in zip(_HEAD, sizes, ends, strict=True)}
+
+
+def _window(descriptor: int) -> int:
+    base = 1 << (10 + (descriptor >> 3))
+    return base + base // 8 * (descriptor & 7)
+
+
+def frame_fields(frame: bytes) -> Iterator[tuple[str, int, int, Any]]:
+    """(name, start, past, value) of each field of `frame` and its blocks, in order, as far as they go.
+
+    Fields of no bytes are left out; so is what follows a field that the frame is too short for.
+    """
+    if len(frame) < 5 or not frame.startswith(_MAGIC):
+        return
+    head = _head(frame)
+    for name, part in head.items():
+        if part and part.stop <= len(frame):
+            data = frame[part.start : part.stop]
+            yield name, part.start, part.stop, data if name == "magic" else int.from_bytes(data, "little")
+    yield from _block_fields(frame, head["content_size"].stop, bool(frame[4] & _CHECKSUM))
+
+
+def _block_fields(frame: bytes, at: int, checksum: bool) -> Iterator[tuple[str, int, int, Any]]:
+    number, last = 0, False
+    while not last and at + 3 <= len(frame):
+        head = int.from_bytes(frame[at : at + 3], "little")
+        last, kind, size = bool(head & 1), _BLOCK_KINDS[head >> 1 & 3], head >> 3
+        yield f"block[{number}].head", at, at + 3, f"{kind}, {size} bytes" + (", last" if last else "")
+        at += 3
+        stored = 1 if kind == "repeated" else size
+        if at + stored > len(frame):
+            return
+        if stored:
+            yield f"block[{number}].data", at, at + stored, frame[at : at + stored]
+        at, number = at + stored, number + 1
+    if last and checksum and at + 4 <= len(frame):
+        yield "checksum", at, at + 4, int.from_bytes(frame[at : at + 4], "little")

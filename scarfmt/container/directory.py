@@ -6,12 +6,15 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
-from scarfmt.arrays import U64
+from scarfmt.arrays import U64, Bools
 from scarfmt.container.header import HeaderFields
 from scarfmt.container.morton import deinterleave
 from scarfmt.container.schema import NO_TILE, TILE_DTYPE, BlockFlag, BlockKind
-from scarfmt.container.table_rules import Table as Table
+from scarfmt.errors import Malformed, ScarError
+
+Table = NDArray[np.void]
 
 
 @dataclass(frozen=True)
@@ -71,9 +74,9 @@ def tile_frame(fields: HeaderFields, tile: Tile) -> TileFrame:
 
 def required_flags(kind: int) -> BlockFlag | None:
     """The flags SPEC §5 and §7 prescribe for a kind, or None where the writer chooses."""
-    if kind <= BlockKind.TILE:
-        return BlockFlag.CRITICAL
-    return BlockFlag.SAFE_TO_COPY if kind in (BlockKind.METADATA, BlockKind.STREAMING) else None
+    if kind in (BlockKind.THUMBNAIL, BlockKind.METADATA, BlockKind.STREAMING):
+        return BlockFlag.SAFE_TO_COPY
+    return BlockFlag.CRITICAL if kind <= BlockKind.TILE else None
 
 
 def tile_table(tiles: Iterable[Tile]) -> Table:
@@ -99,3 +102,48 @@ def sort_keys(directory: Table) -> U64:
     key |= directory["kind"].astype(np.uint64) << np.uint64(32)
     key |= directory["tile"]
     return key
+
+
+def check_rows(
+    rows: Table,
+    name: str,
+    ok: Bools,
+    refusal: str,
+    column: str,
+    rule: str,
+    *,
+    offset: int | None = None,
+    first: int = 0,
+    error: type[ScarError] = Malformed,
+) -> None:
+    """Refuse the first row of a table that breaks a rule.
+
+    Args:
+        rows: (n,) of it.
+        name: what a row is called in messages, such as ``"tile"``.
+        ok: (n,) whether each keeps the rule.
+        refusal: id of the error.
+        column: what the rule is about.
+        rule: the rule, in words.
+        offset: absolute offset of the structure that holds all rows; None where the column `offset` has that of each.
+        first: number of the first row.
+        error: class of the error.
+
+    Raises:
+        ScarError: a row breaks it.
+    """
+    if ok.all():
+        return
+    row = int(np.argmin(ok))
+    raise error(
+        refusal,
+        f"{rows[column][row]}: {rule}",
+        offset=int(rows["offset"][row]) if offset is None else offset,
+        field=f"{name}[{first + row}].{column}",
+    )
+
+
+def total(column: NDArray[np.generic]) -> int:
+    """The exact sum of non-negative integers below 2^64."""
+    most = int(column.max(initial=0)) * len(column)
+    return int(column.sum(dtype=np.uint64)) if most < 1 << 64 else sum(map(int, column))

@@ -6,9 +6,11 @@ Its rules are applied in the order of :func:`read_header`, so that two readers r
 from __future__ import annotations
 
 import math
+import os
 import zlib
 from collections.abc import Callable
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 from scarfmt.container.schema import (
@@ -23,6 +25,7 @@ from scarfmt.container.schema import (
     ColourSpace,
     CoordinateFrame,
     Profile,
+    RenderModel,
     field_table,
     header_length,
 )
@@ -56,6 +59,7 @@ class HeaderFields:
         source_count: Gaussians or anchors in the encoder's input; informative.
         coordinate_frame: which way the axes point.
         colour_space: what colours measure.
+        render_model: how the Gaussians are to be drawn.
     """
 
     profile: Profile
@@ -67,6 +71,7 @@ class HeaderFields:
     source_count: int = 0
     coordinate_frame: CoordinateFrame = CoordinateFrame.UNSPECIFIED
     colour_space: ColourSpace = ColourSpace.UNSPECIFIED
+    render_model: RenderModel = RenderModel.CLASSIC
 
 
 @dataclass(frozen=True)
@@ -141,7 +146,6 @@ def encode_header(header: Header) -> bytes:
         "signature": SIGNATURE,
         "major": VERSION[0],
         "minor": VERSION[1],
-        "version_reserved": 0,
         "layer_count": header.layer_count,
     }
     body = FILE_HEADER.build(values) + b"".join(LAYER_SUMMARY.build(vars(layer)) for layer in header.layers)
@@ -152,7 +156,22 @@ _OTHER_FORMATS = {
     b"ply": "a PLY file; encode it first",
     b"PK\x03\x04": "a zip archive, perhaps a .sog; encode it first",
     b"\x1f\x8b": "gzip data, perhaps an .spz; encode it first",
+    b"NGSP": "an SPZ file; encode it first",
+    b"glTF": "a binary glTF file; encode it first",
 }
+
+
+def is_scar(origin: str | os.PathLike[str] | bytes) -> bool:
+    """Whether a scene is a .scar file. The signature decides; a URL is assumed to name one."""
+    if isinstance(origin, bytes):
+        return origin.startswith(SIGNATURE)
+    if "://" in str(origin):
+        return True
+    path = Path(origin)
+    if not path.is_file():
+        return False
+    with path.open("rb") as file:
+        return file.read(len(SIGNATURE)) == SIGNATURE
 
 
 def _refuse_signature(head: bytes) -> None:
@@ -170,7 +189,8 @@ def _refuse_signature(head: bytes) -> None:
 
 
 def _truncated_header(size: int, needed: int) -> Truncated:
-    return Truncated("truncated-header", f"the file ends inside its header of {needed} bytes", offset=size)
+    what = f"the file ends inside its header of {needed} bytes" if size else "the file is empty"
+    return Truncated("truncated-header", what, offset=size)
 
 
 def _check_signature(head: bytes) -> None:
@@ -182,9 +202,10 @@ def _check_signature(head: bytes) -> None:
     if len(version) < 2:
         raise _truncated_header(len(head), header_length(1))
     if version != VERSION:
+        advice = "encode the scene again" if version < VERSION else "use a newer reader"
         raise Unsupported(
             "unsupported-version",
-            f"version {version[0]}.{version[1]}; this reader knows {VERSION[0]}.{VERSION[1]}: use a matching reader",
+            f"version {version[0]}.{version[1]}; this reader knows {VERSION[0]}.{VERSION[1]}: {advice}",
             offset=len(SIGNATURE),
             field="major",
         )
@@ -215,7 +236,7 @@ def _check_header_bytes(head: bytes) -> bytes:
 _HEADER_FIELDS = {row.name: row for row in field_table(FILE_HEADER)}
 
 _HEADER_RULES: tuple[tuple[str, str, Callable[[Any], bool]], ...] = (
-    ("version_reserved", "bad-reserved", lambda h: h.version_reserved == 0),
+    ("render_model", "bad-reserved", lambda h: h.render_model in set(RenderModel)),
     ("file_length", "bad-file-length", lambda h: h.file_length <= MAX_FILE_LENGTH),
     ("profile", "bad-profile", lambda h: h.profile in set(Profile)),
     ("sh_degree", "bad-sh-degree", lambda h: h.sh_degree <= (0 if h.profile else MAX_SH_DEGREE)),
@@ -301,15 +322,14 @@ def _header_from(raw: Any, data: bytes) -> Header:
         raw.source_count,
         CoordinateFrame(raw.coordinate_frame),
         ColourSpace(raw.colour_space),
+        RenderModel(raw.render_model),
     )
-    layers = []
-    for index in range(raw.layer_count):
-        part = LAYER_SUMMARY.parse(data[FILE_HEADER_SIZE + index * LAYER_SUMMARY_SIZE :])
-        layers.append(
-            LayerSummary(
-                part.anchor_count, part.gaussian_count, part.byte_count, part.end_offset, tuple(part.stream_bytes)
-            )
-        )
+    starts = range(FILE_HEADER_SIZE, raw.header_length - CHECKSUM_SIZE, LAYER_SUMMARY_SIZE)
+    found = (LAYER_SUMMARY.parse(data[start:]) for start in starts)
+    layers = (
+        LayerSummary(row.anchor_count, row.gaussian_count, row.byte_count, row.end_offset, tuple(row.stream_bytes))
+        for row in found
+    )
     return Header(
         fields,
         raw.header_length,
@@ -347,6 +367,6 @@ def read_header(source: ByteSource, *, limits: Limits = DEFAULT_LIMITS, allow_tr
         message = f"{source.size - header.file_length} bytes follow the file"
         raise Malformed("trailing-bytes", message, offset=header.file_length)
     if source.size < header.file_length and not allow_truncated:
-        message = f"{source.size} of {header.file_length} bytes arrived: what did is readable with allow_truncated"
+        message = f"the file is incomplete: {source.size:,} of {header.file_length:,} bytes"
         raise Truncated("truncated-file", message, offset=source.size)
     return header

@@ -1,252 +1,344 @@
-"""The directory of a file that is opened: ROOT, and pages as they are asked for (SPEC §5.4, §5.5).
+"""A file that is opened: header, directory and blocks, of which only what is asked for is read (SPEC §5).
 
-What is needed together is read together: neighbouring pages in one request, and a small directory all at once.
+Everything returned has been checked: the header when the file is opened, each page of the directory when it is first
+used, a block when it is read. Neighbouring pages or blocks are read in one request, a small directory all at once.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+import zlib
+from collections.abc import Iterable, Iterator, Sequence
 from functools import cached_property
-from typing import NamedTuple
+from typing import Self
 
 import numpy as np
 
 from scarfmt.arrays import I64, U32, Bools
-from scarfmt.container.directory import Entry, Tile, entry_from_row
-from scarfmt.container.header import Header
+from scarfmt.container.directory import Entry, Table, Tile, block_name, entry_from_row
+from scarfmt.container.header import Header, read_header
 from scarfmt.container.pages import unpack_row_pages, unpack_tile_pages
 from scarfmt.container.root import Root, unpack_root
-from scarfmt.container.schema import ENTRY_DTYPE, TILE_DTYPE, BlockKind
+from scarfmt.container.schema import READABLE_KINDS, TILE_DTYPE, BlockKind
 from scarfmt.container.source import COALESCE_BYTES, HEAD_BYTES, ByteSource
-from scarfmt.container.table_rules import Table
-from scarfmt.errors import Truncated
-from scarfmt.limits import Limits
+from scarfmt.errors import Malformed, Truncated
+from scarfmt.limits import DEFAULT_LIMITS, Limits
 
 AT_ONCE_BYTES = HEAD_BYTES
 """A directory up to this size is read whole: asking for its parts would take longer than they do."""
 
 
-class _Part(NamedTuple):
-    """A page to read: where it lies, whether it is a row page, and its number among those of its kind in ROOT."""
+class Container:
+    """A file opened for reading: :meth:`open` makes one.
 
-    offset: int
-    length: int
-    of_rows: bool
-    number: int
-
-
-class PagedDirectory:
-    """The tiles and blocks of a file. Everything it returns was checked when it was read.
-
-    Args:
-        source: the file.
-        header: of it.
+    Attributes:
+        source: where the bytes come from.
+        header: the checked header.
         limits: what this reader accepts.
-        readable: block kinds the caller understands; other critical kinds refuse the file.
     """
 
     def __init__(self, source: ByteSource, header: Header, limits: Limits, readable: frozenset[int]) -> None:
-        self._source, self._header, self._limits, self._readable = source, header, limits, readable
+        self.source, self.header, self.limits, self._readable = source, header, limits, readable
         self._tiles: dict[int, Table] = {}
-        # By layer and page: entries, and their tiles side by side in memory, to search in.
-        self._rows: dict[tuple[int, int], tuple[Table, U32]] = {}
+        # By number in ROOT: entries, and their tiles side by side in memory, to search in.
+        self._rows: dict[int, tuple[Table, U32]] = {}
         self._kept_from, self._kept = 0, b""
         self._begun = False
 
+    @classmethod
+    def open(
+        cls,
+        source: ByteSource,
+        *,
+        limits: Limits = DEFAULT_LIMITS,
+        allow_truncated: bool = False,
+        readable_kinds: Iterable[int] = READABLE_KINDS,
+    ) -> Container:
+        """Read and check the header.
+
+        Args:
+            source: the file.
+            limits: what this reader accepts.
+            allow_truncated: accept a source that ends early; its whole blocks are readable.
+            readable_kinds: block kinds the caller understands; other critical kinds refuse the file.
+
+        Raises:
+            Malformed, Truncated, Unsupported, LimitExceeded: see :func:`read_header`.
+        """
+        header = read_header(source, limits=limits, allow_truncated=allow_truncated)
+        return cls(source, header, limits, frozenset(readable_kinds))
+
     @cached_property
     def root(self) -> Root:
-        """ROOT.
+        """ROOT: blocks that belong to no tile, and where pages are.
 
         Raises:
             Malformed, Truncated, Unsupported, LimitExceeded: as SPEC §12 lists for §5.4.
         """
-        header = self._header
+        header = self.header
         size = header.data_offset - header.header_length
         self._begin(size if size <= AT_ONCE_BYTES else header.root_length)
-        return unpack_root(self._bytes(header.header_length, header.root_length), header, self._limits, self._readable)
+        return unpack_root(self._bytes(header.header_length, header.root_length), header, self.limits, self._readable)
 
     def _begin(self, length: int) -> None:
         """Read the first bytes after the header, unless that was done."""
-        header = self._header
+        header = self.header
         if self._begun:
             return
-        if self._source.size < header.data_offset:
+        if self.source.size < header.data_offset:
             message = f"the file ends before its first block at byte {header.data_offset}"
-            raise Truncated("truncated-directory", message, offset=self._source.size)
-        self._kept_from, self._kept = header.header_length, self._source.read(header.header_length, length)
+            raise Truncated("truncated-directory", message, offset=self.source.size)
+        self._kept_from, self._kept = header.header_length, self.source.read(header.header_length, length)
         self._begun = True
 
     def _bytes(self, offset: int, length: int) -> bytes:
         start = offset - self._kept_from
         if start + length <= len(self._kept):
             return self._kept[start : start + length]
-        return self._source.read(offset, length)
+        return self.source.read(offset, length)
 
-    def load(self, layers: int | None = None, pages: Iterable[int] | None = None) -> None:
-        """Read what is missing of tile pages and of the row pages of the first layers.
+    def load(self, layers: int | None = None, tiles: Sequence[int] | I64 | None = None) -> Self:
+        """Read and check the pages of the directory that are needed, in few requests; returns self.
 
         Args:
-            layers: how many; None for all.
-            pages: of which pages; None for all.
+            layers: of the first so many layers; None for all.
+            tiles: of these tiles; None for all.
 
         Raises:
             Malformed, Truncated, Unsupported, LimitExceeded: as SPEC §12 lists for §5.4 and §5.5.
         """
-        header = self._header
-        if layers is None and pages is None:
+        header = self.header
+        if layers is None and tiles is None:
             self._begin(header.data_offset - header.header_length)
-        wanted = range(header.page_count) if pages is None else sorted(set(pages))
-        rows = self.root.rows
-        chosen = np.flatnonzero((rows["layer"] <= (layers or header.layer_count)) & _among(rows["page"], pages))
-        self._read([*self._tile_parts(wanted), *self._row_parts(chosen)])
+        pages = range(header.page_count) if tiles is None else self._pages_of(np.asarray(tiles, np.int64))
+        chosen = self.root.rows["layer"] <= (layers or header.layer_count)
+        if tiles is not None:
+            chosen &= np.isin(self.root.rows["page"], pages)
+        self._read(pages, np.flatnonzero(chosen).tolist())
         if len(self._kept) > AT_ONCE_BYTES:
             self._kept = b""
+        return self
 
-    def _tile_parts(self, pages: Iterable[int]) -> Iterator[_Part]:
-        """The tile pages among `pages` that are missing."""
-        missing = [page for page in pages if page not in self._tiles]
-        said = self.root.pages[missing]
-        for page, offset, length in zip(missing, said["offset"].tolist(), said["tile_bytes"].tolist(), strict=True):
-            yield _Part(offset, length, False, page)
+    def _read(self, pages: Iterable[int], rows: Iterable[int]) -> None:
+        """Read the tile pages and row pages of these numbers in ROOT that are missing, and unpack them in that order.
 
-    def _row_parts(self, numbers: I64) -> Iterator[_Part]:
-        """The row pages of some numbers in ROOT that are missing."""
-        columns = (self.root.rows[name][numbers].tolist() for name in ("layer", "page", "offset", "row_bytes"))
-        for number, layer, page, offset, length in zip(numbers.tolist(), *columns, strict=True):
-            if (layer, page) not in self._rows:
-                yield _Part(offset, length, True, number)
-
-    def _read(self, parts: Iterable[_Part]) -> None:
-        """Read pages, neighbours in one request, and unpack them in that order."""
-        for run in _runs(parts):
-            start = run[0].offset
-            data = self._bytes(start, run[-1].offset + run[-1].length - start)
-            pages = [(part, data[part.offset - start : part.offset - start + part.length]) for part in run]
-            self._take_tiles([(part.number, page) for part, page in pages if not part.of_rows])
-            self._take_rows([(self.root.rows[part.number], page) for part, page in pages if part.of_rows])
-
-    def _take_tiles(self, found: list[tuple[int, bytes]]) -> None:
-        if found:
-            tables = unpack_tile_pages(found, self.root.pages, self._header)
-            self._tiles.update(zip((page for page, _ in found), tables, strict=True))
-
-    def _take_rows(self, found: list[tuple[np.void, bytes]]) -> None:
-        if found:
-            tables = unpack_row_pages(found, self._header, self._limits)
-            for (said, _), rows in zip(found, tables, strict=True):
-                self._rows[int(said["layer"]), int(said["page"])] = rows, np.ascontiguousarray(rows["tile"])
-
-    def page_tiles(self, page: int) -> Table:
-        """(n,) TILE_DTYPE of a page."""
-        if page not in self._tiles:
-            self._read(self._tile_parts([page]))
-        return self._tiles[page]
-
-    def page_rows(self, layer: int, page: int) -> Table:
-        """ENTRY_DTYPE of the TILE blocks of a page in a layer, by tile."""
-        return self._page_rows(layer, page)[0]
-
-    def _page_rows(self, layer: int, page: int) -> tuple[Table, U32]:
-        if (layer, page) not in self._rows:
-            number = self.root.row_page(layer, page)
-            if number is None:
-                return np.zeros(0, ENTRY_DTYPE), np.zeros(0, np.uint32)
-            self._read(self._row_parts(np.array([number])))
-        return self._rows[layer, page]
+        Neighbours are read in one request.
+        """
+        root = self.root
+        pages = [page for page in pages if page not in self._tiles]
+        rows = [number for number in rows if number not in self._rows]
+        said, of_rows = root.pages[pages], root.rows[rows]
+        spans = [
+            *zip(said["offset"].tolist(), said["tile_bytes"].tolist(), strict=True),
+            *zip(of_rows["offset"].tolist(), of_rows["row_bytes"].tolist(), strict=True),
+        ]
+        for run in runs(spans):
+            start, past = spans[run.start][0], sum(spans[run.stop - 1])
+            data = self._bytes(start, past - start)
+            parts = [data[offset - start : offset - start + length] for offset, length in spans[run]]
+            found = list(zip(pages[run], parts, strict=False))
+            if found:
+                tables = unpack_tile_pages(found, root.pages, self.header)
+                self._tiles.update(zip(pages[run], tables, strict=True))
+            first = max(run.start - len(pages), 0)
+            found = list(zip(rows[first:], parts[len(found) :], strict=False))
+            if found:
+                tables = unpack_row_pages(found, root.rows, self.header, self.limits)
+                for (number, _), table in zip(found, tables, strict=True):
+                    self._rows[number] = table, np.ascontiguousarray(table["tile"])
 
     def rows(self, layer: int) -> Table:
-        """ENTRY_DTYPE of all blocks of a layer, in file order."""
-        numbers = np.flatnonzero(self.root.rows["layer"] == layer)
-        self._read(self._row_parts(numbers))
+        """ENTRY_DTYPE of all blocks of a layer, in file order; reads its row pages."""
+        numbers = np.flatnonzero(self.root.rows["layer"] == layer).tolist()
+        self._read([], numbers)
         models = self.root.models[self.root.models["layer"] == layer]
         before = models["kind"] < BlockKind.TILE
-        tiles = [self.page_rows(layer, page) for page in self.root.rows["page"][numbers].tolist()]
-        return np.concatenate([models[before], *tiles, models[~before]])
+        return np.concatenate([models[before], *(self._rows[number][0] for number in numbers), models[~before]])
 
     @cached_property
     def directory(self) -> Table:
-        """(E,) ENTRY_DTYPE of all blocks, in file order."""
+        """(E,) ENTRY_DTYPE in file order; its rows are the same blocks as `entries`. Reads all pages."""
         self.load()
-        return np.concatenate([self.rows(layer) for layer in range(1, self._header.layer_count + 1)])
+        return np.concatenate([self.rows(layer) for layer in range(1, self.header.layer_count + 1)])
 
     @cached_property
     def tile_table(self) -> Table:
-        """(T,) TILE_DTYPE."""
-        pages = range(self._header.page_count)
-        self._read(self._tile_parts(pages))
+        """(T,) TILE_DTYPE; reads all tile pages."""
+        pages = range(self.header.page_count)
+        self._read(pages, [])
         return np.concatenate([np.zeros(0, TILE_DTYPE), *(self._tiles[page] for page in pages)])
 
-    def tile(self, number: int) -> Tile:
-        """A tile."""
-        page = number >> self._header.page_bits
-        return Tile(*self.page_tiles(page)[number - self._header.page_range(page).start].tolist())
+    @cached_property
+    def tiles(self) -> tuple[Tile, ...]:
+        """The tile table as objects."""
+        return tuple(Tile(*row) for row in self.tile_table.tolist())
 
     @cached_property
-    def models(self) -> dict[tuple[int, int], Entry]:
-        """The blocks that belong to no tile, by (layer, kind)."""
-        entries = map(entry_from_row, self.root.models.tolist())
-        return {(entry.layer, entry.kind): entry for entry in entries}
+    def entries(self) -> tuple[Entry, ...]:
+        """The directory as objects, in file order."""
+        return tuple(map(entry_from_row, self.directory.tolist()))
 
-    def find(self, kind: int, layer: int, tile: int | None) -> Entry | None:
-        """The entry of (kind, layer, tile), or None; `tile` None means a block of no tile."""
+    def tile(self, number: int) -> Tile:
+        """A tile; reads the page it is in."""
+        page = number >> self.header.page_bits
+        self._read([page], [])
+        return Tile(*self._tiles[page][number - self.header.page_range(page).start].tolist())
+
+    @cached_property
+    def models(self) -> tuple[Entry, ...]:
+        """The entries of the blocks that belong to no tile, by layer and kind; reads ROOT alone."""
+        return tuple(map(entry_from_row, self.root.models.tolist()))
+
+    def find(self, kind: int, layer: int, tile: int | None = None) -> Entry | None:
+        """The entry of (kind, layer, tile), or None; `tile` None means a block of no tile. Reads the page it is in."""
         if tile is None:
-            return self.models.get((layer, kind))
-        if kind != BlockKind.TILE or not 0 <= tile < self._header.tile_count:
+            return next((entry for entry in self.models if (entry.layer, entry.kind) == (layer, kind)), None)
+        if kind != BlockKind.TILE or not 0 <= tile < self.header.tile_count:
             return None
-        rows, tiles = self._page_rows(layer, tile >> self._header.page_bits)
+        number = self.root.row_page(layer, tile >> self.header.page_bits)
+        if number is None:
+            return None
+        if number not in self._rows:
+            self._read([], [number])
+        rows, tiles = self._rows[number]
         row = int(np.searchsorted(tiles, np.uint32(tile)))
         return entry_from_row(rows[row].tolist()) if row < len(tiles) and tiles[row] == tile else None
 
-    def pages_of(self, tiles: I64) -> list[int]:
+    def _pages_of(self, tiles: I64) -> list[int]:
         """The pages that some tiles are of."""
-        return [int(page) for page in np.unique(tiles >> self._header.page_bits)]
+        return [int(page) for page in np.unique(tiles >> self.header.page_bits)]
 
     def tile_rows(self, tiles: I64) -> Table:
-        """(n,) TILE_DTYPE of n tiles."""
-        pages = np.array(self.pages_of(tiles), np.int64)
-        self._read(self._tile_parts(pages.tolist()))
-        tables = [self._tiles[page] for page in pages.tolist()]
+        """(n,) TILE_DTYPE of n tiles; reads their pages."""
+        pages = self._pages_of(tiles)
+        self._read(pages, [])
+        tables = [self._tiles[page] for page in pages]
         starts = np.cumsum([0, *map(len, tables)])
-        index = np.searchsorted(pages, tiles >> self._header.page_bits)
-        within = tiles - (pages[index] << self._header.page_bits)
+        index = np.searchsorted(np.array(pages, np.int64), tiles >> self.header.page_bits)
+        within = tiles & ((1 << self.header.page_bits) - 1)
         rows: Table = np.concatenate([np.zeros(0, TILE_DTYPE), *tables])[starts[index] + within]
         return rows
 
     def have_blocks(self, layers: int, tiles: I64) -> Bools:
-        """(n,) bool: of n tiles, those of which any of the first layers has a block."""
-        self.load(layers, self.pages_of(tiles))
-        out = np.zeros(self._header.tile_count, bool)
-        for (layer, _), (_, found) in self._rows.items():
-            if layer <= layers:
+        """(n,) bool: of n tiles, those of which any of the first layers has a block; reads their pages.
+
+        A directory of a MiB can list hundreds of thousands of others.
+        """
+        self.load(layers, tiles)
+        out = np.zeros(self.header.tile_count, bool)
+        for number, (_, found) in self._rows.items():
+            if self.root.rows["layer"][number] <= layers:
                 out[found] = True
         return out[tiles]
 
     def tile_counts(self, layers: int, tiles: I64) -> I64:
-        """(n, layers) int64 anchors that first appear in each of the first layers of n tiles."""
-        pages = self.pages_of(tiles)
-        self.load(layers, pages)
+        """(n, layers) int64 anchors that first appear in each of the first layers of n tiles; reads their pages."""
+        self.load(layers, tiles)
+        here = np.isin(self.root.rows["page"], self._pages_of(tiles))
         out = np.zeros((len(tiles), layers), np.int64)
         for layer in range(1, layers + 1):
-            known = [self._rows[layer, page][0] for page in pages if (layer, page) in self._rows]
-            rows = np.concatenate([np.zeros(0, ENTRY_DTYPE), *known])
-            counts = np.zeros(self._header.tile_count, np.int64)
-            counts[rows["tile"]] = rows["count"]
+            counts = np.zeros(self.header.tile_count, np.int64)
+            for number in np.flatnonzero(here & (self.root.rows["layer"] == layer)).tolist():
+                rows, found = self._rows[number]
+                counts[found] = rows["count"]
             out[:, layer - 1] = counts[tiles]
         return out
 
+    def tile_entries(self, tile: int, layers: int) -> list[Entry | None]:
+        """The TILE block of a tile in each of the first `layers` layers, None where it has none."""
+        return [self.find(BlockKind.TILE, layer, tile) for layer in range(1, layers + 1)]
 
-def _among(pages: U32, wanted: Iterable[int] | None) -> Bools | bool:
-    return True if wanted is None else np.isin(pages, sorted(set(wanted)))
+    @property
+    def available_layers(self) -> int:
+        """Number of layers, from the first, whose blocks are all in the source."""
+        return sum(layer.end_offset <= self.source.size for layer in self.header.layers)
+
+    def is_available(self, entry: Entry) -> bool:
+        """Whether the whole block is in the source; always so unless the source is truncated."""
+        return entry.end <= self.source.size
+
+    def read_block(self, entry: Entry, *, verify: bool = True) -> bytes:
+        """The bytes of a block.
+
+        Args:
+            entry: an entry of this container.
+            verify: check the block's CRC-32.
+
+        Raises:
+            Truncated: ``truncated-block`` when the source ends before the block does.
+            Malformed: ``crc-mismatch`` when the block is damaged.
+        """
+        data = self.read_range(entry, 0, entry.length)
+        if verify:
+            check_crc(entry, zlib.crc32(data))
+        return data
+
+    def read_range(self, entry: Entry, start: int, length: int) -> bytes:
+        """`length` bytes of a block from `start` within it, unverified: a CRC-32 covers whole blocks only.
+
+        Raises:
+            Truncated: ``truncated-block`` when the source ends before the range does.
+            Malformed: ``block-range`` when the range leaves the block.
+        """
+        if start < 0 or length < 0 or start + length > entry.length:
+            message = f"{length} bytes at {start} leave a block of {entry.length} bytes"
+            raise Malformed("block-range", message, offset=entry.offset, field=block_name(entry))
+        if entry.offset + start + length > self.source.size:
+            message = f"the file ends at byte {self.source.size}, before the end of the block at {entry.end}"
+            raise Truncated("truncated-block", message, offset=entry.offset, field=block_name(entry))
+        return self.source.read(entry.offset + start, length)
+
+    def read_blocks(self, entries: Iterable[Entry], *, verify: bool = True) -> Iterator[tuple[Entry, bytes]]:
+        """Blocks in the given order; blocks that follow each other in the file share one request.
+
+        Args:
+            entries: entries of this container.
+            verify: check the CRC-32 of each.
+
+        Raises:
+            Truncated, Malformed: as :meth:`read_block`.
+        """
+        listed = list(entries)
+        for run in runs([(entry.offset, entry.length) for entry in listed]):
+            first, last = listed[run.start], listed[run.stop - 1]
+            if first is last or not self.is_available(last):
+                yield from ((entry, self.read_block(entry, verify=verify)) for entry in listed[run])
+                continue
+            data = self.source.read(first.offset, last.end - first.offset)
+            for entry in listed[run]:
+                block = data[entry.offset - first.offset : entry.end - first.offset]
+                if verify:
+                    check_crc(entry, zlib.crc32(block))
+                yield entry, block
 
 
-def _runs(parts: Iterable[_Part]) -> Iterator[list[_Part]]:
-    """Pages grouped into stretches without gaps of at most COALESCE_BYTES (or one page)."""
-    run: list[_Part] = []
-    for part in parts:
-        past = run[-1].offset + run[-1].length if run else part.offset
-        if run and (part.offset != past or past + part.length - run[0].offset > COALESCE_BYTES):
-            yield run
-            run = []
-        run.append(part)
-    if run:
-        yield run
+def runs(spans: Sequence[tuple[int, int]]) -> Iterator[slice]:
+    """Pages or blocks grouped into stretches without gaps of at most COALESCE_BYTES (or one of them).
+
+    Args:
+        spans: offset and length of each.
+
+    Yields:
+        Which of them belong together.
+    """
+    first = 0
+    for number, (offset, length) in enumerate(spans):
+        if number > first and (offset != sum(spans[number - 1]) or offset + length - spans[first][0] > COALESCE_BYTES):
+            yield slice(first, number)
+            first = number
+    if first < len(spans):
+        yield slice(first, len(spans))
+
+
+def check_crc(entry: Entry, crc32: int) -> None:
+    """Compare the CRC-32 computed over a block with its entry's.
+
+    Raises:
+        Malformed: ``crc-mismatch``.
+    """
+    if crc32 != entry.crc32:
+        raise Malformed(
+            "crc-mismatch",
+            f"the block's CRC-32 is {crc32:08x}, the directory says {entry.crc32:08x}: get another copy",
+            offset=entry.offset,
+            field=block_name(entry),
+        )

@@ -8,27 +8,28 @@ from __future__ import annotations
 
 import itertools
 import zlib
-from collections.abc import Callable, Sequence
-from typing import NamedTuple, TypeVar
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
 from scarfmt.arrays import I64
 from scarfmt.container.bytefields import ByteReader, unsigned_varints
+from scarfmt.container.directory import Table, check_rows, total
 from scarfmt.container.header import Header
-from scarfmt.container.root import PackedPage, PackedRows
+from scarfmt.container.root import PAGE_DTYPE, ROW_PAGE_DTYPE
 from scarfmt.container.schema import ENTRY_DTYPE, TILE_DTYPE, BlockFlag, BlockKind
-from scarfmt.container.table_rules import Table, TableRules, total
 from scarfmt.errors import LimitExceeded, Malformed, ScarError
 from scarfmt.limits import MAX_LATTICE_BITS, MAX_LOCAL_BITS, MAX_TILE_DEPTH, Limits
 
-Item = TypeVar("Item")
-"""A page to unpack: what is known of it, and its bytes."""
+Found = Sequence[tuple[int, bytes]]
+"""Numbers of some pages in ROOT, and their bytes."""
 
 
-def pack_tile_pages(tiles: Table, lattice_bits: int, page_bits: int) -> list[PackedPage]:
-    """The tile pages of a file.
+def pack_tile_pages(tiles: Table, lattice_bits: int, page_bits: int) -> tuple[Table, list[bytes]]:
+    """The tile pages of a file: (P,) PAGE_DTYPE without offsets, and the bytes of each.
 
     Args:
         tiles: (T,) TILE_DTYPE, ascending by Morton range.
@@ -38,16 +39,16 @@ def pack_tile_pages(tiles: Table, lattice_bits: int, page_bits: int) -> list[Pac
     Raises:
         Malformed: no page can say such tiles, with the id of the rule of SPEC §5.5 that they break.
     """
-    rules = TableRules(tiles, "tile", 0)
-    _check_cubes(rules, lattice_bits)
-    out, past, size = [], 0, 1 << page_bits
+    _check_cubes(tiles, lattice_bits, 0, 0)
+    pages, parts, past, size = [], [], 0, 1 << page_bits
     for start in range(0, len(tiles), size):
         page = tiles[start : start + size]
         base = int(page["prefix"][0]) << _free(int(page["depth"][0]))
         gaps, past = _gaps(page, max(base, past), start)
         data = page["depth"].tobytes() + page["shift"].tobytes() + unsigned_varints(np.array(gaps, np.int64))
-        out.append(PackedPage(base, data))
-    return out
+        pages.append((base, len(data), zlib.crc32(data), 0))
+        parts.append(data)
+    return np.array(pages, PAGE_DTYPE), parts
 
 
 def _free(depth: int) -> int:
@@ -85,11 +86,11 @@ def _prefix_of(number: int) -> str:
     return f"tile[{number}].prefix"
 
 
-def unpack_tile_pages(found: Sequence[tuple[int, bytes]], pages: Table, header: Header) -> list[Table]:
+def unpack_tile_pages(found: Found, pages: Table, header: Header) -> list[Table]:
     """(n,) TILE_DTYPE of each of some pages.
 
     Args:
-        found: their numbers, and the bytes of their tile pages.
+        found: the tile pages.
         pages: (P,) PAGE_DTYPE of ROOT.
         header: of the file.
 
@@ -99,7 +100,7 @@ def unpack_tile_pages(found: Sequence[tuple[int, bytes]], pages: Table, header: 
     return _each_before_the_next(lambda some: _tile_pages(some, pages, header), found)
 
 
-def _each_before_the_next(unpack: Callable[[Sequence[Item]], list[Table]], found: Sequence[Item]) -> list[Table]:
+def _each_before_the_next(unpack: Callable[[Found], list[Table]], found: Found) -> list[Table]:
     """Unpack pages all at once. If one has a fault, unpack them one by one, so that the first fault is reported."""
     try:
         return unpack(found)
@@ -109,76 +110,64 @@ def _each_before_the_next(unpack: Callable[[Sequence[Item]], list[Table]], found
     return [table for item in found for table in unpack([item])]
 
 
-def _tile_pages(found: Sequence[tuple[int, bytes]], pages: Table, header: Header) -> list[Table]:
+def _tile_pages(found: Found, pages: Table, header: Header) -> list[Table]:
     numbers = np.array([page for page, _ in found])
     said = pages[numbers].tolist()
     depth, shift, gaps, edges = bytearray(), bytearray(), list[int](), [0]
     for (page, data), (_, _, crc32, offset) in zip(found, said, strict=True):
         count = len(header.page_range(page))
-        reader = _opened(data, f"tile page {page}", crc32, offset)
-        try:
+        with _page_reader(data, f"tile page {page}", crc32, offset) as reader:
             depth += reader.take(count)
             shift += reader.take(count)
             gaps += reader.unsigned_array(63, count).tolist()
-            reader.finish()
-        except Malformed as error:
-            raise _at(error, offset) from error
         edges.append(edges[-1] + count)
     out = np.zeros(len(gaps), TILE_DTYPE)
     out["depth"], out["shift"] = np.frombuffer(depth, np.uint8), np.frombuffer(shift, np.uint8)
-    first = header.page_range(found[0][0]).start
-    _check_cubes(TableRules(out, "tile", said[0][3], first), header.fields.lattice_bits)
+    _check_cubes(out, header.fields.lattice_bits, said[0][3], header.page_range(found[0][0]).start)
     following = np.append(pages["base"], np.uint64(1 << 63))[numbers + 1].tolist()
     prefixes: list[int] = []
-    for (page, _), (base, _, _, offset), end, start, past in zip(
-        found, said, following, edges[:-1], edges[1:], strict=True
+    for (page, _), (base, _, _, offset), end, (start, past) in zip(
+        found, said, following, itertools.pairwise(edges), strict=True
     ):
-        place = _Place(base, end, offset, header.page_range(page).start)
-        prefixes += _prefixes(depth[start:past], gaps[start:past], place)
+        first = header.page_range(page).start
+        prefixes += _prefixes(depth[start:past], gaps[start:past], first, range(base, end), offset)
     out["prefix"] = prefixes
     return [out[start:past] for start, past in itertools.pairwise(edges)]
 
 
-class _Place(NamedTuple):
-    """The place of a page of tiles.
+def _prefixes(depths: bytearray, gaps: list[int], first: int, codes: range, offset: int) -> list[int]:
+    """The Morton codes of the cubes of a page; R-5.5-6, R-5.5-7.
 
-    Attributes:
-        base, following: Morton codes at which it and the next page begin.
-        offset: of its tile page in the file.
-        first: its first tile.
+    Args:
+        depths, gaps: of its tiles.
+        first: number of the first of them.
+        codes: Morton codes at which this page and the next begin.
+        offset: of the tile page in the file.
     """
-
-    base: int
-    following: int
-    offset: int
-    first: int
-
-
-def _prefixes(depths: bytearray, gaps: list[int], place: _Place) -> list[int]:
-    """The Morton codes of the cubes of a page; R-5.5-6, R-5.5-7."""
-    prefixes, past = [], place.base
-    for number, (depth, gap) in enumerate(zip(depths, gaps, strict=True), start=place.first):
+    prefixes, past = [], codes.start
+    for number, (depth, gap) in enumerate(zip(depths, gaps, strict=True), start=first):
         free = _free(depth)
         prefix = _next_cube(past, free) + gap
-        _check_prefix(prefix, depth, number, place.offset)
+        _check_prefix(prefix, depth, number, offset)
         prefixes.append(prefix)
         past = (prefix + 1) << free
-    if prefixes[0] << _free(depths[0]) != place.base:
-        message = f"{prefixes[0]}: the page begins at {place.base}, not its first tile"
-        raise Malformed("tile-order", message, offset=place.offset, field=_prefix_of(place.first))
-    if past > place.following:
-        message = f"{prefixes[-1]}: ends at {past}, the next page begins at {place.following}"
-        raise Malformed("tile-order", message, offset=place.offset, field=_prefix_of(place.first + len(gaps) - 1))
+    if prefixes[0] << _free(depths[0]) != codes.start:
+        message = f"{prefixes[0]}: the page begins at {codes.start}, not its first tile"
+        raise Malformed("tile-order", message, offset=offset, field=_prefix_of(first))
+    if past > codes.stop:
+        message = f"{prefixes[-1]}: ends at {past}, the next page begins at {codes.stop}"
+        raise Malformed("tile-order", message, offset=offset, field=_prefix_of(first + len(gaps) - 1))
     return prefixes
 
 
-def _check_cubes(rules: TableRules, lattice_bits: int) -> None:
-    """R-5.5-3 to R-5.5-5."""
-    depth, shift = rules.rows["depth"], rules.rows["shift"]
-    rules.check(depth <= MAX_TILE_DEPTH, "tile-depth", "depth", f"must be 0..{MAX_TILE_DEPTH}")
-    rules.check(shift < MAX_LATTICE_BITS, "tile-shift", "shift", f"must be 0..{MAX_LATTICE_BITS - 1}")
+def _check_cubes(tiles: Table, lattice_bits: int, offset: int, first: int) -> None:
+    """R-5.5-3 to R-5.5-5, of tiles from number `first` on, whose page is at `offset`."""
+    check = partial(check_rows, tiles, "tile", offset=offset, first=first)
+    depth, shift = tiles["depth"], tiles["shift"]
+    check(depth <= MAX_TILE_DEPTH, "tile-depth", "depth", f"must be 0..{MAX_TILE_DEPTH}")
+    check(shift < MAX_LATTICE_BITS, "tile-shift", "shift", f"must be 0..{MAX_LATTICE_BITS - 1}")
     local = lattice_bits - depth.astype(np.int64) - shift
-    rules.check(
+    check(
         (local >= 0) & (local <= MAX_LOCAL_BITS),
         "tile-local-bits",
         "shift",
@@ -186,73 +175,77 @@ def _check_cubes(rules: TableRules, lattice_bits: int) -> None:
     )
 
 
-def _opened(data: bytes, name: str, crc32: int, offset: int) -> ByteReader:
-    """A reader of a page whose checksum is right."""
+@contextmanager
+def _page_reader(data: bytes, name: str, crc32: int, offset: int) -> Iterator[ByteReader]:
+    """A reader of a page whose checksum is right and which must be read to its end; errors give the page's offset."""
     if zlib.crc32(data) != crc32:
         message = f"a page of the directory is damaged, its CRC-32 is not {crc32:08x}: get another copy"
         raise Malformed("page-crc-mismatch", message, offset=offset, field=name)
-    return ByteReader(data, name)
+    reader = ByteReader(data, name)
+    try:
+        yield reader
+        reader.finish()
+    except Malformed as error:
+        raise Malformed(error.refusal, error.message, offset=offset, field=error.field) from error
 
 
-def _at(error: Malformed, offset: int) -> Malformed:
-    return Malformed(error.refusal, error.message, offset=offset, field=error.field)
-
-
-def pack_row_pages(rows: Table, tile_count: int, page_bits: int) -> list[PackedRows | None]:
-    """The row pages of a layer, None for a page without TILE blocks.
+def pack_row_pages(rows: Table, layer: int, tile_count: int, page_bits: int) -> tuple[Table, list[bytes]]:
+    """The row pages of a layer that there are: (R,) ROW_PAGE_DTYPE without offsets, and the bytes of each.
 
     Args:
         rows: ENTRY_DTYPE of the layer's TILE blocks, by tile.
+        layer: 1-based.
         tile_count: tiles of the file.
         page_bits: tiles of a page, as a power of two.
     """
-    out: list[PackedRows | None] = []
-    size = 1 << page_bits
+    pages, parts, size = [], [], 1 << page_bits
     starts = range(0, tile_count, size)
     edges = np.searchsorted(np.ascontiguousarray(rows["tile"]), [*starts, tile_count]).tolist()
-    for start, first, past in zip(starts, edges[:-1], edges[1:], strict=True):
-        here = rows[first:past]
-        if not len(here):
-            out.append(None)
+    for page, (first, past) in enumerate(itertools.pairwise(edges)):
+        if first == past:
             continue
+        here, start = rows[first:past], page << page_bits
         lengths = np.zeros(min(size, tile_count - start), np.int64)
         lengths[here["tile"] - start] = here["length"]
         counts = here["count"].astype(np.int64)
         data = unsigned_varints(lengths) + unsigned_varints(counts) + here["crc32"].tobytes()
-        out.append(PackedRows(data, int(lengths.sum()), int(counts.sum())))
-    return out
+        pages.append((layer, page, len(data), zlib.crc32(data), int(lengths.sum()), int(counts.sum()), 0, 0))
+        parts.append(data)
+    return np.array(pages, ROW_PAGE_DTYPE), parts
 
 
-def unpack_row_pages(found: Sequence[tuple[np.void, bytes]], header: Header, limits: Limits) -> list[Table]:
+def unpack_row_pages(found: Found, pages: Table, header: Header, limits: Limits) -> list[Table]:
     """ENTRY_DTYPE of the TILE blocks of each of some pages, by tile.
 
     Args:
-        found: their rows in ROOT, of ROW_PAGE_DTYPE, and the bytes of the row pages.
+        found: the row pages.
+        pages: (R,) ROW_PAGE_DTYPE of ROOT.
         header: of the file.
         limits: what this reader accepts.
 
     Raises:
         Malformed, LimitExceeded: a rule of SPEC §5.5 is broken; by the first page that breaks one.
     """
-    return _each_before_the_next(lambda some: _row_pages(some, header, limits), found)
+    return _each_before_the_next(lambda some: _row_pages(some, pages, header, limits), found)
 
 
-def _row_pages(found: Sequence[tuple[np.void, bytes]], header: Header, limits: Limits) -> list[Table]:
+def _row_pages(found: Found, pages: Table, header: Header, limits: Limits) -> list[Table]:
     columns: list[tuple[I64, I64, I64, NDArray[np.generic]]] = []
-    said = [row.tolist() for row, _ in found]
+    said = pages[[number for number, _ in found]].tolist()
     for (layer, page, _, crc32, _, _, offset, _), (_, data) in zip(said, found, strict=True):
-        reader = _opened(data, _row_name(layer, page), crc32, offset)
-        try:
-            columns.append(_columns(reader, header.page_range(page)))
-        except Malformed as error:
-            raise _at(error, offset) from error
+        tiles = header.page_range(page)
+        with _page_reader(data, _row_name(layer, page), crc32, offset) as reader:
+            lengths = reader.unsigned_array(53, len(tiles))
+            present = np.flatnonzero(lengths)
+            counts = reader.unsigned_array(32, len(present))
+            columns.append((tiles.start + present, lengths[present], counts, reader.array("<u4", len(present))))
     edges = [0, *itertools.accumulate(len(tile) for tile, _, _, _ in columns)]
     rows = np.zeros(edges[-1], ENTRY_DTYPE)
     rows["kind"], rows["flags"] = BlockKind.TILE, BlockFlag.CRITICAL
     for name, parts in zip(("tile", "length", "count", "crc32"), zip(*columns, strict=True), strict=True):
         rows[name] = np.concatenate(parts)
     layer, page, _, _, _, _, offset, _ = said[0]
-    _check_limits(TableRules(rows, _row_name(layer, page), offset), limits)
+    _check_limits(rows, _row_name(layer, page), offset, limits)
     tables = [rows[start:past] for start, past in itertools.pairwise(edges)]
     for table, (layer, page, _, _, size, anchors, offset, first) in zip(tables, said, strict=True):
         sums = total(table["length"]), total(table["count"])
@@ -268,29 +261,18 @@ def _row_name(layer: int, page: int) -> str:
     return f"row page {page} of layer {layer}"
 
 
-def _columns(reader: ByteReader, tiles: range) -> tuple[I64, I64, I64, NDArray[np.generic]]:
-    """Tiles, lengths, counts and checksums of the blocks of a row page."""
-    lengths = reader.unsigned_array(53, len(tiles))
-    present = np.flatnonzero(lengths)
-    counts = reader.unsigned_array(32, len(present))
-    crc32 = reader.array("<u4", len(present))
-    reader.finish()
-    return tiles.start + present, lengths[present], counts, crc32
-
-
-def _check_limits(rules: TableRules, limits: Limits) -> None:
+def _check_limits(rows: Table, name: str, offset: int, limits: Limits) -> None:
     """R-5.5-8, R-5.5-9."""
-    rules.check(
-        rules.rows["length"] <= limits.block_bytes,
+    check = partial(check_rows, rows, name, offset=offset, error=LimitExceeded)
+    check(
+        rows["length"] <= limits.block_bytes,
         "limit-block-bytes",
         "length",
         f"exceeds this reader's limit of {limits.block_bytes}: raise it if you trust the file",
-        LimitExceeded,
     )
-    rules.check(
-        rules.rows["count"] <= limits.tile_anchors,
+    check(
+        rows["count"] <= limits.tile_anchors,
         "limit-tile-anchors",
         "count",
         f"exceeds this reader's limit of {limits.tile_anchors} anchors per TILE block",
-        LimitExceeded,
     )

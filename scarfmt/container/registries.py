@@ -1,4 +1,4 @@
-"""Identifiers of the format: profiles, frames, colour spaces, block kinds and flags, stream kinds (SPEC §16).
+"""Identifiers of the format: profiles, frames, colour spaces, block kinds and flags, stream kinds (SPEC §5.2, §16.4-6).
 
 Nothing but the standard library is imported, so that the command line can name them before it does any work.
 """
@@ -37,11 +37,22 @@ class ColourSpace(IntEnum):
     """Linear light, sRGB primaries."""
 
 
-class BlockKind(IntEnum):
-    """Block kinds. 1..15 are the models of a layer, 16 its tiles, 64..127 annotations, 128..255 private use.
+class RenderModel(IntEnum):
+    """How the Gaussians are to be drawn: as they were trained."""
 
-    Kind 0 is never assigned. Kinds 1..16 carry exactly the flag CRITICAL, METADATA and STREAMING exactly SAFE_TO_COPY.
-    Kinds 1..15, METADATA and STREAMING belong to no tile; TILE always names one.
+    CLASSIC = 0
+    """Pictures of Gaussians are widened by 0.3 square pixels, as 3DGS trains."""
+    ANTIALIASED = 1
+    """They are widened likewise and made fainter in return (Mip-Splatting)."""
+    TWO_DIMENSIONAL = 2
+    """Flat discs: the third scale is nothing (2DGS)."""
+
+
+class BlockKind(IntEnum):
+    """Block kinds. 1..14 are the models of a layer, 16 its tiles, 15 and 64..127 annotations, 128..255 private use.
+
+    Kind 0 is never assigned. Kinds 1..14 and 16 carry exactly the flag CRITICAL, THUMBNAIL, METADATA and STREAMING
+    exactly SAFE_TO_COPY. Only TILE belongs to a tile.
     """
 
     LAYER = 1
@@ -60,6 +71,8 @@ class BlockKind(IntEnum):
     """Index network: probabilities of RVQ indices."""
     PREDICTORS = 8
     """Context predictors: which static table codes a channel value."""
+    THUMBNAIL = 15
+    """One small picture of the scene, a WebP, PNG or JPEG file; in layer 1, before the tiles."""
     TILE = 16
     """The sub-streams of one tile of one layer."""
     METADATA = 64
@@ -68,7 +81,7 @@ class BlockKind(IntEnum):
     """Tight boxes of tiles and what their layers gain; in layer 1; changes nothing in the decoded scene."""
 
 
-READABLE_KINDS = frozenset(BlockKind) - {BlockKind.STREAMING}
+READABLE_KINDS = frozenset(BlockKind) - {BlockKind.STREAMING, BlockKind.THUMBNAIL}
 """Kinds that every reader of this version understands. A critical block of any other kind refuses the file, and who
 cuts a file keeps one only if it is safe to copy (R-5.4-16, SPEC §14)."""
 

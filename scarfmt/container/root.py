@@ -8,17 +8,16 @@ from __future__ import annotations
 
 import zlib
 from array import array
-from collections.abc import Sequence
-from dataclasses import dataclass, field
-from functools import cached_property
+from dataclasses import dataclass
+from functools import cached_property, partial
 from itertools import accumulate
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from scarfmt.arrays import I64
 from scarfmt.container.bytefields import ByteReader, unsigned_varint
+from scarfmt.container.directory import Table, check_rows, total
 from scarfmt.container.header import Header
 from scarfmt.container.schema import (
     ENTRY_DTYPE,
@@ -29,7 +28,6 @@ from scarfmt.container.schema import (
     BlockKind,
     Stream,
 )
-from scarfmt.container.table_rules import Table, TableRules, total
 from scarfmt.errors import LimitExceeded, Malformed, Unsupported
 from scarfmt.limits import Limits
 
@@ -54,26 +52,6 @@ _TILE_BYTES = range(3, 12)
 """Bytes of a tile in a tile page."""
 _LEAST_ROWS, _ROW_BYTES = 5, 17
 """Bytes of a row page beyond one a tile, if a single tile has a block; and maximum bytes of each tile in it."""
-
-
-class PackedPage(NamedTuple):
-    """A tile page to write.
-
-    Attributes:
-        base: Morton code at which its first tile begins.
-        data: its bytes.
-    """
-
-    base: int
-    data: bytes
-
-
-class PackedRows(NamedTuple):
-    """A row page to write: its bytes, and what its TILE blocks sum to."""
-
-    data: bytes
-    block_bytes: int
-    anchors: int
 
 
 @dataclass(frozen=True)
@@ -102,87 +80,57 @@ class Root:
         return keys
 
 
-def pack_root(
-    layers: int, models: Table, pages: Sequence[PackedPage], rows: Sequence[Sequence[PackedRows | None]]
-) -> bytes:
-    """The bytes of ROOT.
-
-    Args:
-        layers: how many the file has.
-        models: (E,) ENTRY_DTYPE of the blocks that belong to no tile, by layer; offsets do not matter.
-        pages: tile pages.
-        rows: by page, then layer, the row page, None where it has no TILE block.
-    """
+def pack_root(root: Root, layers: int) -> bytes:
+    """The bytes of ROOT of a file of so many layers; offsets do not matter."""
     out = bytearray()
     for layer in range(1, layers + 1):
-        here = models[models["layer"] == layer]
+        here = root.models[root.models["layer"] == layer]
         out += unsigned_varint(len(here))
         for kind, flags, _, _, _, length, count, crc32 in here.tolist():
             out += bytes([kind, flags]) + unsigned_varint(length) + unsigned_varint(count) + crc32.to_bytes(4, "little")
+    row_pages = {(layer, page): row for layer, page, *row in root.rows.tolist()}
     before = 0
-    for page, there in zip(pages, rows, strict=True):
-        out += unsigned_varint(page.base - before) + _checked_part(page.data)
-        before = page.base
-        for row in there:
-            if row is None:
-                out.append(0)
-            else:
-                out += _checked_part(row.data) + unsigned_varint(row.block_bytes) + unsigned_varint(row.anchors)
+    for page, (base, size, crc32, _) in enumerate(root.pages.tolist()):
+        out += unsigned_varint(base - before) + unsigned_varint(size) + crc32.to_bytes(4, "little")
+        before = base
+        for layer in range(1, layers + 1):
+            size, crc32, block_bytes, anchors, *_ = row_pages.get((layer, page), (0, 0, 0, 0))
+            out += unsigned_varint(size)
+            if size:
+                out += crc32.to_bytes(4, "little") + unsigned_varint(block_bytes) + unsigned_varint(anchors)
     return bytes(out)
 
 
-def _checked_part(data: bytes) -> bytes:
-    return unsigned_varint(len(data)) + zlib.crc32(data).to_bytes(4, "little")
+def _parse(data: bytes, header: Header) -> tuple[Table, Table, Table]:
+    """Blocks, pages and row pages, page by page, as ROOT has them; its structure is checked, but no values.
 
-
-@dataclass
-class _Read:
-    """ROOT as it was read, column by column: an array takes a quarter of a list of numbers.
-
-    Attributes:
-        models, model_at: entries, and where each begins.
-        gaps, tile_bytes, tile_crc32, page_at: of pages, and where each begins.
-        layer, page, row_bytes, row_crc32, block_bytes, anchors: of row pages that there are, page by page.
+    `offset` is where each is in ROOT, of a row page where its page is. `base` is the gap before a page.
     """
-
-    models: list[tuple[int, ...]] = field(default_factory=list)
-    model_at: array[int] = field(default_factory=lambda: array("q"))
-    gaps: array[int] = field(default_factory=lambda: array("q"))
-    tile_bytes: array[int] = field(default_factory=lambda: array("q"))
-    tile_crc32: array[int] = field(default_factory=lambda: array("q"))
-    page_at: array[int] = field(default_factory=lambda: array("q"))
-    layer: array[int] = field(default_factory=lambda: array("B"))
-    page: array[int] = field(default_factory=lambda: array("q"))
-    row_bytes: array[int] = field(default_factory=lambda: array("q"))
-    row_crc32: array[int] = field(default_factory=lambda: array("q"))
-    block_bytes: array[int] = field(default_factory=lambda: array("q"))
-    anchors: array[int] = field(default_factory=lambda: array("q"))
-
-
-def _read(data: bytes, header: Header) -> _Read:
-    """Read ROOT and check its structure, but not its values."""
-    reader, out = ByteReader(data, "root"), _Read()
-    for layer in range(1, header.layer_count + 1):
+    reader, layers = ByteReader(data, "root"), range(1, header.layer_count + 1)
+    models, pages, rows = array("Q"), array("Q"), array("Q")  # a list of numbers takes four times the memory
+    for layer in layers:
         for _ in range(reader.unsigned(8)):
-            out.model_at.append(header.header_length + reader.position)
+            at = header.header_length + reader.position
             kind, flags = reader.take(2)
-            length, count = reader.unsigned(53), reader.unsigned(32)
-            out.models.append((kind, flags, layer, NO_TILE, 0, length, count, reader.u32()))
+            models.extend((kind, flags, layer, NO_TILE, at, reader.unsigned(53), reader.unsigned(32), reader.u32()))
     for page in range(header.page_count):
-        out.page_at.append(header.header_length + reader.position)
-        out.gaps.append(reader.unsigned(63))
-        out.tile_bytes.append(reader.unsigned(32))
-        out.tile_crc32.append(reader.u32())
-        for layer in range(1, header.layer_count + 1):
+        at = header.header_length + reader.position
+        pages.extend((reader.unsigned(63), reader.unsigned(32), reader.u32(), at))
+        for layer in layers:
             size = reader.unsigned(32)
             if size:
-                out.layer.append(layer)
-                out.page.append(page)
-                out.row_bytes.append(size)
-                out.row_crc32.append(reader.u32())
-                out.block_bytes.append(reader.unsigned(53))
-                out.anchors.append(reader.unsigned(53))
+                rows.extend((layer, page, size, reader.u32(), reader.unsigned(53), reader.unsigned(53), at, 0))
     reader.finish()
+    return _table(models, ENTRY_DTYPE), _table(pages, PAGE_DTYPE), _table(rows, ROW_PAGE_DTYPE)
+
+
+def _table(numbers: array[int], dtype: np.dtype[np.void]) -> Table:
+    """Records of numbers that lie row by row."""
+    names = dtype.names or ()
+    columns = np.array(numbers, np.uint64).reshape(-1, len(names))
+    out = np.zeros(len(columns), dtype)
+    for place, name in enumerate(names):
+        out[name] = columns[:, place]
     return out
 
 
@@ -202,84 +150,80 @@ def unpack_root(data: bytes, header: Header, limits: Limits, readable: frozenset
         message = "ROOT is damaged: get another copy"
         raise Malformed("directory-crc-mismatch", message, offset=header.header_length, field="root_crc32")
     try:
-        read = _read(data, header)
+        models, pages, rows = _parse(data, header)
     except Malformed as error:
         raise Malformed(error.refusal, error.message, offset=header.header_length, field="root") from error
-    rules = TableRules(np.array(read.models, ENTRY_DTYPE), "root.entry", np.array(read.model_at, np.int64))
-    _check_entries(rules, header, limits)
-    pages = _pages(read)
-    row_pages, places = _row_pages(read)
-    _check_sizes(pages, row_pages, places, read, header)
-    root = Root(rules.rows, pages, row_pages)
+    _check_entries(models, header, limits)
+    _sum_gaps(pages)
+    rows = rows[np.argsort(rows["layer"], kind="stable")]
+    _check_sizes(pages, rows, header)
+    root = Root(models, pages, rows)
     _check_sums(root, header)
-    _check_readable(rules, readable)
+    check_rows(
+        models,
+        "root.entry",
+        np.isin(models["kind"], sorted(readable)) | (models["flags"] & BlockFlag.CRITICAL == 0),
+        "unknown-critical-block",
+        "kind",
+        "this reader does not know a block kind that the file needs: use a newer or fuller reader",
+        error=Unsupported,
+    )
     _place(root, header)
     return root
 
 
-def _check_entries(rules: TableRules, header: Header, limits: Limits) -> None:
-    rows = rules.rows
-    kind, flags, layer, length = rows["kind"], rows["flags"], rows["layer"], rows["length"]
+def _check_entries(models: Table, header: Header, limits: Limits) -> None:
+    """R-5.4-4 to R-5.4-10."""
+    check = partial(check_rows, models, "root.entry")
+    kind, flags, layer, length = models["kind"], models["flags"], models["layer"], models["length"]
     metadata = kind == BlockKind.METADATA
-    rules.check((kind != 0) & (kind != BlockKind.TILE), "entry-kind", "kind", "neither kind 0 nor TILE stands in ROOT")
-    rules.check(
-        np.where(kind < BlockKind.TILE, flags == BlockFlag.CRITICAL, flags <= BlockFlag.SAFE_TO_COPY)
-        & (~metadata | (flags == BlockFlag.SAFE_TO_COPY)),
+    check((kind != 0) & (kind != BlockKind.TILE), "entry-kind", "kind", "neither kind 0 nor TILE stands in ROOT")
+    check(
+        np.where(kind < BlockKind.THUMBNAIL, flags == BlockFlag.CRITICAL, flags <= BlockFlag.SAFE_TO_COPY)
+        & (~(metadata | (kind == BlockKind.THUMBNAIL)) | (flags == BlockFlag.SAFE_TO_COPY)),
         "entry-flags",
         "flags",
         "must be 1 for kinds 1..15, 2 for METADATA, and 0, 1 or 2 for others",
     )
-    rules.check(~metadata | (layer == 1), "entry-layer", "layer", "must be 1 for METADATA")
+    check(~metadata | (layer == 1), "entry-layer", "layer", "must be 1 for METADATA")
     order = layer.astype(np.int64) << 8 | kind
-    ascends = np.concatenate(([True], np.diff(order) > 0))[: len(rows)]
-    rules.check(ascends, "entry-order", "kind", "the kinds of a layer must ascend")
-    rules.check((length >= 1) & (length <= header.file_length), "entry-length", "length", "must be 1..file_length")
-    rules.check(
+    ascends = np.concatenate(([True], np.diff(order) > 0))[: len(models)]
+    check(ascends, "entry-order", "kind", "the kinds of a layer must ascend")
+    check((length >= 1) & (length <= header.file_length), "entry-length", "length", "must be 1..file_length")
+    check(
         length <= limits.block_bytes,
         "limit-block-bytes",
         "length",
         f"exceeds this reader's limit of {limits.block_bytes}: raise it if you trust the file",
-        LimitExceeded,
+        error=LimitExceeded,
     )
-    rules.check(~metadata | (rows["count"] == 0), "entry-count", "count", "must be 0 for METADATA")
+    check(~metadata | (models["count"] == 0), "entry-count", "count", "must be 0 for METADATA")
 
 
-def _pages(read: _Read) -> Table:
-    """(P,) PAGE_DTYPE without offsets; R-5.4-11."""
-    bases = list(accumulate(read.gaps))
-    for page, (gap, base) in enumerate(zip(read.gaps, bases, strict=True)):
+def _sum_gaps(pages: Table) -> None:
+    """Make a Morton code of the gap before each page; R-5.4-11."""
+    gaps = pages["base"].tolist()
+    bases = list(accumulate(gaps))
+    for page, (gap, base) in enumerate(zip(gaps, bases, strict=True)):
         if (page and not gap) or base >> 63:
             message = f"{gap}: pages must begin one after the other, below 2^63"
-            raise Malformed("tile-order", message, offset=read.page_at[page], field=f"root.page[{page}].gap")
-    pages = np.zeros(len(bases), PAGE_DTYPE)
-    pages["base"], pages["tile_bytes"], pages["tile_crc32"] = bases, read.tile_bytes, read.tile_crc32
-    return pages
+            raise Malformed("tile-order", message, offset=int(pages["offset"][page]), field=f"root.page[{page}].gap")
+    pages["base"] = bases
 
 
-def _row_pages(read: _Read) -> tuple[Table, I64]:
-    """(R,) ROW_PAGE_DTYPE without offsets, by layer and page, and where each page of ROOT that says it begins."""
-    rows = np.zeros(len(read.page), ROW_PAGE_DTYPE)
-    for name in ("layer", "page", "row_bytes", "row_crc32", "block_bytes", "anchors"):
-        rows[name] = getattr(read, name)
-    order = np.argsort(rows["layer"], kind="stable")
-    places = np.array(read.page_at, np.int64)[rows["page"]]
-    return rows[order], places[order]
-
-
-def _check_sizes(pages: Table, rows: Table, places: I64, read: _Read, header: Header) -> None:
+def _check_sizes(pages: Table, rows: Table, header: Header) -> None:
     """R-5.4-12, R-5.4-13."""
     tiles = np.full(len(pages), 1 << header.page_bits, np.int64)
     if len(pages):
         tiles[-1] = len(header.page_range(len(pages) - 1))
+    check_page, check_row = partial(check_rows, pages, "root.page"), partial(check_rows, rows, "root.row_page")
     size = pages["tile_bytes"]
     fits = (size >= _TILE_BYTES[0] * tiles) & (size <= _TILE_BYTES[-1] * tiles)
-    page_rules = TableRules(pages, "root.page", np.array(read.page_at, np.int64))
-    page_rules.check(fits, "page-length", "tile_bytes", "no tile page of so many tiles is so long")
+    check_page(fits, "page-length", "tile_bytes", "no tile page of so many tiles is so long")
     size, tiles = rows["row_bytes"], tiles[rows["page"]]
-    row_rules = TableRules(rows, "root.row_page", places)
     fits = (size >= tiles + _LEAST_ROWS) & (size <= _ROW_BYTES * tiles)
-    row_rules.check(fits, "page-length", "row_bytes", "no row page of so many tiles is so long")
-    row_rules.check(rows["block_bytes"] >= 1, "page-sums", "block_bytes", "a block has a byte or more")
+    check_row(fits, "page-length", "row_bytes", "no row page of so many tiles is so long")
+    check_row(rows["block_bytes"] >= 1, "page-sums", "block_bytes", "a block has a byte or more")
 
 
 def _check_sums(root: Root, header: Header) -> None:
@@ -301,17 +245,6 @@ def _check_sums(root: Root, header: Header) -> None:
     if end != header.data_offset:
         message = f"the pages end at byte {end}, the blocks begin at byte {header.data_offset}"
         raise Malformed("directory-length", message, offset=header.header_length, field="root")
-
-
-def _check_readable(rules: TableRules, readable: frozenset[int]) -> None:
-    rows = rules.rows
-    rules.check(
-        np.isin(rows["kind"], sorted(readable)) | (rows["flags"] & BlockFlag.CRITICAL == 0),
-        "unknown-critical-block",
-        "kind",
-        "this reader does not know a block kind that the file needs: use a newer or fuller reader",
-        Unsupported,
-    )
 
 
 def _place(root: Root, header: Header) -> None:

@@ -31,12 +31,13 @@ from scarfmt.container.registries import BlockKind as BlockKind
 from scarfmt.container.registries import ColourSpace as ColourSpace
 from scarfmt.container.registries import CoordinateFrame as CoordinateFrame
 from scarfmt.container.registries import Profile as Profile
+from scarfmt.container.registries import RenderModel as RenderModel
 from scarfmt.container.registries import Stream as Stream
 
 SIGNATURE = bytes.fromhex("89 53 43 41 52 0D 0A 1A 0A")
 """0x89 catches a stripped high bit, CR LF and LF catch newline translation, 0x1A stops a DOS `type`."""
 
-VERSION = (0, 2)
+VERSION = (0, 3)
 """(major, minor) this package reads and writes. While major is 0, every minor version is its own format."""
 
 NO_TILE = 0xFFFFFFFF
@@ -48,8 +49,8 @@ STREAM_COUNT = len(Stream)
 FILE_HEADER: Any = Struct(
     "signature" / Bytes(len(SIGNATURE)) * "89 53 43 41 52 0D 0A 1A 0A",
     "major" / Int8ul * "Version, major: 0. Another major is another format",
-    "minor" / Int8ul * "Version, minor: 2. While major is 0, another minor is another format",
-    "version_reserved" / Int8ul * "0",
+    "minor" / Int8ul * "Version, minor: 3. While major is 0, another minor is another format",
+    "render_model" / Int8ul * "How to draw: 0 classic, 1 antialiased, 2 two-dimensional",
     "header_length" / Int32ul * "Bytes from the signature through header_crc32: 104 + 136 * layer_count",
     "file_length" / Int64ul * "Bytes of the whole file, below 2^53",
     "profile" / Int8ul * "Profile: 0 explicit, 1 anchor",
@@ -111,11 +112,6 @@ class Field(NamedTuple):
     type: str
     name: str
     description: str
-
-
-def scalar_type(field: Any) -> tuple[str, str]:
-    """The names that SPEC and numpy have for a scalar of construct."""
-    return _SCALARS[field.fmtstr]
 
 
 def _unnamed(member: Any) -> Any:

@@ -10,17 +10,17 @@ from __future__ import annotations
 import itertools
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from scarfmt.arrays import F32, F64, I32, I64, U16, Ints
+from scarfmt.arrays import F64, I32, I64, U16, Ints
 from scarfmt.entropy.grouping import by_context
 from scarfmt.entropy.keys import StepKey, TableKey
-from scarfmt.entropy.rans import PRECISION, RansEncoder, SymbolSink, cached_uniform
-from scarfmt.entropy.symbol_tables import SymbolTable
+from scarfmt.entropy.rans import PRECISION, RansEncoder, cached_uniform
+from scarfmt.entropy.symbol_tables import JOINT_BITS, JOINT_ZERO, StaticTables, SymbolTable
 from scarfmt.errors import InvalidInput
 
 Group = tuple[StepKey | int, int]
@@ -74,15 +74,6 @@ class Emitter(ABC):
         """
         self.emit_grouped(StepKey(key.stream, (key.component,), key.step), contexts, values)
 
-    def emit_logits(self, logits: F32 | None, weights: Callable[[], F64], values: Ints) -> None:
-        """(n,) `values` by (k, n) integer `logits` or by the rows that `weights` makes of them.
-
-        Args:
-            logits: None where something else than NumPy's float32 holds them.
-            weights: gives the rows of :meth:`emit_rows`; to be asked for once, as it uses up the logits.
-        """
-        self.emit_rows(weights(), values)
-
 
 class SymbolCounter(Emitter):
     """An emitter that only counts, per table key. What it is given must not be changed afterwards."""
@@ -119,18 +110,15 @@ class SymbolCounter(Emitter):
             found[key] = [(alphabet.astype(np.int64), counts)]
         for step, pool in self._pools.items():
             joint, counts = pool.counted()
-            kinds = joint >> _VALUE_BITS
+            kinds = joint >> JOINT_BITS
             starts = np.flatnonzero(np.diff(kinds, prepend=-1)).tolist()
             for first, past in itertools.pairwise([*starts, len(kinds)]):
-                values = (joint[first:past] & _VALUE_MASK) - _VALUE_ZERO
+                values = (joint[first:past] & _VALUE_MASK) - JOINT_ZERO
                 found.setdefault(step.table(int(kinds[first])), []).append((values, counts[first:past]))
         return {key: _added(*zip(*parts, strict=True)) for key, parts in sorted(found.items())}
 
 
-# A joint number is kind * 2^33 + value + 2^32.
-_VALUE_BITS = 33
-_VALUE_ZERO = 1 << 32
-_VALUE_MASK = (1 << _VALUE_BITS) - 1
+_VALUE_MASK = (1 << JOINT_BITS) - 1
 # So many symbols of a step wait to be counted together: one by one, small groups take longer to look at than to count.
 _POOLED = 1 << 19
 # So many cells are counted without sorting, or so many times as there are symbols.
@@ -189,12 +177,12 @@ def _joint_counts(kinds: Ints, values: I32) -> tuple[I64, I64]:
         places += (values - low).astype(short)
         counts = np.bincount(places)
         cells = np.flatnonzero(counts)
-        return ((cells // wide) << _VALUE_BITS) + cells % wide + low + _VALUE_ZERO, counts[cells]
+        return ((cells // wide) << JOINT_BITS) + cells % wide + low + JOINT_ZERO, counts[cells]
     near = (values >= -_NEAR) & (values < _NEAR)
     if near.any() and not near.all():
         parts = [_joint_counts(kinds[here], values[here]) for here in (near, ~near)]
         return _added(*zip(*parts, strict=True))
-    joint = (kinds.astype(np.int64) << _VALUE_BITS) + values + _VALUE_ZERO
+    joint = (kinds.astype(np.int64) << JOINT_BITS) + values + JOINT_ZERO
     found, counts = np.unique(joint, return_counts=True)
     return found, counts
 
@@ -214,17 +202,22 @@ class SymbolWriter(Emitter):
 
     Args:
         tables: static tables in force.
-        sink: codes in place of :class:`RansEncoder`.
     """
 
-    def __init__(self, tables: Mapping[TableKey, SymbolTable], sink: SymbolSink | None = None) -> None:
-        self._tables = tables
-        self._rans = RansEncoder() if sink is None else sink
+    def __init__(self, tables: Mapping[TableKey, SymbolTable]) -> None:
+        self._tables = StaticTables.of(tables)
+        self._rans = RansEncoder()
 
     def emit(self, key: TableKey, values: Ints) -> None:
         if len(values):
             entry = self._tables[key]
             self._rans.encode(np.searchsorted(entry.alphabet, values), entry.table)
+
+    def emit_grouped(self, key: StepKey, kinds: Ints, values: Ints) -> None:
+        if not len(values):
+            return
+        order = np.argsort(kinds.astype(np.uint16), kind="stable")
+        self._rans.append(*self._tables.step(key).spans(kinds[order], values[order]))
 
     def emit_uniform(self, size: int, values: Ints) -> None:
         self._rans.encode(values, cached_uniform(size))
@@ -235,7 +228,3 @@ class SymbolWriter(Emitter):
     def finish(self) -> bytes:
         """The sealed rANS stream."""
         return self._rans.finish()
-
-
-OpenWriter = Callable[[Mapping[TableKey, SymbolTable]], SymbolWriter]
-"""Gives a writer of a sub-stream under static tables."""

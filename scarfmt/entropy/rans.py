@@ -1,8 +1,7 @@
 """Range asymmetric numeral systems over exact integer frequency tables (SPEC §8).
 
-Two decoders of one definition: :class:`RansDecoder` on constriction (fast), and
-:class:`PureRansDecoder`, the ten lines of SPEC §8.2 in Python integers (readable). They return the same
-symbols for every input, valid or not; property tests compare them.
+The decoder runs on constriction. The encoder keeps of each symbol where it lies in its table, and codes all at once in
+the C library or, where that is absent, in the ten lines below.
 
 A stream is a sequence of 32-bit words, a stack: the decoder starts from the last word. The encoder
 therefore codes the groups it was given in reverse order.
@@ -12,20 +11,19 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from functools import cached_property, lru_cache
-from typing import Any, Protocol
+from typing import Any
 
 import constriction
 import numpy as np
 from numpy.typing import NDArray
 
-from scarfmt.arrays import F64, I32, I64
+from scarfmt.arrays import F64, I32, I64, U32, Ints
 from scarfmt.errors import InvalidInput, Malformed
+from scarfmt.native.binding import library
 
 PRECISION = 24
 TOTAL = 1 << PRECISION
 MAX_ALPHABET = 4096
-STATE_LOWER = 1 << 32
-
 
 AnsCoder = constriction.stream.stack.AnsCoder
 Categorical = constriction.stream.model.Categorical
@@ -116,41 +114,24 @@ def cached_uniform(size: int) -> FrequencyTable:
     return uniform_table(size)
 
 
-class SymbolSource(Protocol):
-    """The interface from which a sub-stream codec reads; both decoders implement it."""
-
-    def decode(self, table: FrequencyTable, count: int) -> I32: ...
-
-    def decode_rows(self, weights: F64) -> I32: ...
-
-    def finish(self) -> None: ...
-
-
-class SymbolSink(Protocol):
-    """The interface to which a sub-stream codec writes."""
-
-    def encode(self, symbols: NDArray[np.integer[Any]], table: FrequencyTable) -> None: ...
-
-    def encode_rows(self, symbols: NDArray[np.integer[Any]], weights: F64) -> None: ...
-
-    def finish(self) -> bytes: ...
-
-
 class RansEncoder:
     """Collects groups of symbols in decoding order; :meth:`finish` codes them in reverse."""
 
     def __init__(self) -> None:
-        self._groups: list[tuple[I32, FrequencyTable | F64]] = []
+        # (2, n) uint32 of each group: first slots of its symbols in their tables, and those past the last.
+        self._spans: list[U32] = []
 
-    def encode(self, symbols: NDArray[np.integer[Any]], table: FrequencyTable) -> None:
-        """Append `symbols`, (count,) integers in 0..n-1, coded with `table`."""
-        values = np.ascontiguousarray(symbols, dtype=np.int32)
-        if len(values) and (int(values.min()) < 0 or int(values.max()) >= len(table)):
-            raise InvalidInput("input-symbol", f"symbol outside the alphabet of {len(table)}", field="symbols")
-        if len(values) and len(table) > 1:
-            self._groups.append((values, table))
+    def encode(self, symbols: Ints, table: FrequencyTable) -> None:
+        """Append `symbols`, (count,) integers in 0..n-1, coded with `table`.
 
-    def encode_rows(self, symbols: NDArray[np.integer[Any]], weights: F64) -> None:
+        Raises:
+            InvalidInput: ``input-symbol``.
+        """
+        _check_symbols(symbols, len(table))
+        if len(symbols) and len(table) > 1:
+            self.append(table.cumulative[symbols], table.cumulative[1:][symbols])
+
+    def encode_rows(self, symbols: Ints, weights: F64) -> None:
         """Append `symbols`, each coded with a frequency table of its own (SPEC §8.1, §10.5).
 
         Args:
@@ -161,24 +142,47 @@ class RansEncoder:
         Raises:
             InvalidInput: ``input-symbol``, ``input-table``.
         """
-        values = np.ascontiguousarray(symbols, dtype=np.int32)
-        rows = np.ascontiguousarray(weights, dtype=np.float64)
-        check_rows(rows, len(values))
-        count = rows.shape[1]
-        if len(values) and (int(values.min()) < 0 or int(values.max()) >= count):
-            raise InvalidInput("input-symbol", f"symbol outside the alphabet of {count}", field="symbols")
-        if len(values) and count > 1:
-            self._groups.append((values, rows))
+        check_rows(weights, len(symbols))
+        _check_symbols(symbols, weights.shape[1])
+        if len(symbols) and weights.shape[1] > 1:
+            rows = np.arange(len(symbols))
+            past = np.cumsum(weights, axis=1)[rows, symbols] + symbols + 1
+            self.append(past - weights[rows, symbols] - 1, past)
+
+    def append(self, first: Ints | F64, past: Ints | F64) -> None:
+        """Append symbols by their (n,) spans: first <= slot < past."""
+        self._spans.append(np.stack([first, past]).astype(np.uint32))
 
     def finish(self) -> bytes:
         """The sealed stream: 32-bit little-endian words, empty when nothing was coded."""
-        coder = AnsCoder()
-        for values, table in reversed(self._groups):
-            if isinstance(table, FrequencyTable):
-                coder.encode_reverse(values, table.model)
-            else:
-                coder.encode_reverse(values, _ROWS, table)
-        return bytes(coder.get_compressed().astype("<u4").tobytes())
+        if not self._spans:
+            return b""
+        spans, native = np.concatenate(self._spans, axis=1), library()
+        if native is None:
+            return _coded(*spans.tolist())
+        words = np.empty(spans.shape[1] + 2, np.uint32)
+        count = native.scar_rans_encode(spans.ctypes.data, spans[1].ctypes.data, spans.shape[1], words.ctypes.data)
+        return words[:count].astype("<u4").tobytes()
+
+
+def _coded(first: list[int], past: list[int]) -> bytes:
+    """The words of some spans (SPEC §8.2)."""
+    state, words = 0, []
+    for start, end in zip(reversed(first), reversed(past), strict=True):
+        frequency = end - start
+        if state >> (64 - PRECISION) >= frequency:
+            words.append(state & 0xFFFFFFFF)
+            state >>= 32
+        state = (state // frequency << PRECISION) + state % frequency + start
+    while state:
+        words.append(state & 0xFFFFFFFF)
+        state >>= 32
+    return np.array(words, "<u4").tobytes()
+
+
+def _check_symbols(symbols: Ints, size: int) -> None:
+    if len(symbols) and (int(symbols.min()) < 0 or int(symbols.max()) >= size):
+        raise InvalidInput("input-symbol", f"symbol outside the alphabet of {size}", field="symbols")
 
 
 def check_rows(rows: F64, count: int) -> None:
@@ -208,13 +212,12 @@ def words_of(data: bytes) -> NDArray[np.uint32]:
     return words
 
 
-def seal_error() -> Malformed:
-    """The refusal of a stream that is not used up."""
-    return Malformed("rans-seal", "the rANS stream does not end in the empty state (SPEC §8.2): it is damaged")
-
-
 class RansDecoder:
-    """Fast decoder, on constriction's AnsCoder."""
+    """Decodes a stream, group by group, on constriction's AnsCoder.
+
+    Raises:
+        Malformed: ``rans-length``, ``rans-last-word``.
+    """
 
     def __init__(self, data: bytes) -> None:
         self._coder = AnsCoder(words_of(data))
@@ -243,44 +246,5 @@ class RansDecoder:
             Malformed: ``rans-seal`` when words or state are left.
         """
         if not self._coder.is_empty():
-            raise seal_error()
-
-
-class PureRansDecoder:
-    """The normative decoder of SPEC §8.2, in plain integers."""
-
-    def __init__(self, data: bytes) -> None:
-        self._words = [int(word) for word in words_of(data)]
-        self._state = 0
-        for _ in range(2):
-            self._refill()
-
-    def _refill(self) -> None:
-        if self._state < STATE_LOWER and self._words:
-            self._state = (self._state << 32) | self._words.pop()
-
-    def _symbol(self, table: FrequencyTable) -> int:
-        slot = self._state & (TOTAL - 1)
-        symbol = int(np.searchsorted(table.cumulative, slot, side="right")) - 1
-        start, frequency = int(table.cumulative[symbol]), int(table.frequencies[symbol])
-        self._state = frequency * (self._state >> PRECISION) + slot - start
-        self._refill()
-        return symbol
-
-    def decode(self, table: FrequencyTable, count: int) -> I32:
-        """The next symbols under one table, as the fast decoder gives them (SPEC §8.2)."""
-        if len(table) == 1:
-            return np.zeros(count, np.int32)
-        return np.array([self._symbol(table) for _ in range(count)], dtype=np.int32)
-
-    def decode_rows(self, weights: F64) -> I32:
-        """One symbol for each row of weights, as the fast decoder gives them (SPEC §8.2)."""
-        if weights.shape[1] == 1:
-            return np.zeros(len(weights), np.int32)
-        tables = (FrequencyTable(row.astype(np.int64) + 1) for row in weights)
-        return np.array([self._symbol(table) for table in tables], dtype=np.int32)
-
-    def finish(self) -> None:
-        """Check that the stream ended empty (SPEC §8.2); refuses as :meth:`RansDecoder.finish`."""
-        if self._state or self._words:
-            raise seal_error()
+            message = "the rANS stream does not end in the empty state (SPEC §8.2): it is damaged"
+            raise Malformed("rans-seal", message)

@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from scarfmt.arrays import F32, F64, I32, U16, Ints
-from scarfmt.entropy.emitters import Emitter, Group, OpenWriter, SymbolCounter, SymbolWriter, check_values
+from scarfmt.arrays import F64, I32, U16, Ints
+from scarfmt.entropy.emitters import Emitter, Group, SymbolCounter, SymbolWriter, check_values
 from scarfmt.entropy.keys import StepKey, TableKey
 from scarfmt.entropy.symbol_tables import SymbolTable
 from scarfmt.errors import InvalidInput
@@ -32,11 +32,11 @@ class RecordedSymbols:
     values: NDArray[Any]
     coded: bytes
 
-    def code(self, tables: Mapping[TableKey, SymbolTable], open_writer: OpenWriter = SymbolWriter) -> bytes:
+    def code(self, tables: Mapping[TableKey, SymbolTable]) -> bytes:
         """The sealed rANS stream."""
         if not self.groups:
             return self.coded
-        writer = open_writer(tables)
+        writer = SymbolWriter(tables)
         writer.emit_groups(self.groups, self.kinds, self.values)
         return writer.finish()
 
@@ -46,15 +46,14 @@ class SymbolRecorder(Emitter):
 
     Args:
         counter: counts every group that needs a table.
-        open_writer: gives the writers that code.
     """
 
-    def __init__(self, counter: SymbolCounter, open_writer: OpenWriter = SymbolWriter) -> None:
+    def __init__(self, counter: SymbolCounter) -> None:
         self._counter = counter
         self._groups: list[Group] = []
         self._kinds: list[U16] = []
         self._values: list[I32] = []
-        self._modelled = open_writer({})
+        self._modelled = SymbolWriter({})
 
     def emit(self, key: TableKey, values: Ints) -> None:
         if len(values):
@@ -86,9 +85,6 @@ class SymbolRecorder(Emitter):
 
     def emit_rows(self, weights: F64, values: Ints) -> None:
         self._modelled.emit_rows(weights, values)
-
-    def emit_logits(self, logits: F32 | None, weights: Callable[[], F64], values: Ints) -> None:
-        self._modelled.emit_logits(logits, weights, values)
 
     def settled(self) -> RecordedSymbols:
         """All that was given.

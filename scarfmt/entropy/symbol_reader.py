@@ -5,14 +5,14 @@ A group is a run of values that share one table.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 
 import numpy as np
 
-from scarfmt.arrays import F32, F64, I32, I64, Ints
+from scarfmt.arrays import F64, I32, I64, Ints
 from scarfmt.entropy.grouping import by_context
 from scarfmt.entropy.keys import StepKey, TableKey
-from scarfmt.entropy.rans import RansDecoder, SymbolSource, cached_uniform
+from scarfmt.entropy.rans import RansDecoder, cached_uniform
 from scarfmt.entropy.symbol_tables import SymbolTable, missing_table
 
 
@@ -22,16 +22,11 @@ class SymbolReader:
     Args:
         data: the sub-stream.
         tables: static tables in force.
-        source: decodes `data` in place of :class:`RansDecoder`.
-
-    Attributes:
-        static, uniform, modelled: symbols read so far, by what coded them (:class:`scarfmt.counters.Coding`).
     """
 
-    def __init__(self, data: bytes, tables: Mapping[TableKey, SymbolTable], source: SymbolSource | None = None) -> None:
+    def __init__(self, data: bytes, tables: Mapping[TableKey, SymbolTable]) -> None:
         self._tables = tables
-        self._rans = RansDecoder(data) if source is None else source
-        self.static = self.uniform = self.modelled = 0
+        self._rans = RansDecoder(data)
 
     def read(self, key: TableKey, count: int) -> I64:
         """The next `count` values, (count,) int64.
@@ -44,7 +39,6 @@ class SymbolReader:
         entry = self._tables.get(key)
         if entry is None:
             raise missing_table(key)
-        self.static += count
         if len(entry.alphabet) == 1:
             return np.repeat(entry.alphabet, count)
         return entry.alphabet.take(self._rans.decode(entry.table, count))
@@ -81,22 +75,11 @@ class SymbolReader:
 
     def read_uniform(self, size: int, count: int) -> I64:
         """The next `count` values of a uniform alphabet 0..size-1."""
-        self.uniform += count
         return self._rans.decode(cached_uniform(size), count).astype(np.int64)
 
     def read_rows(self, weights: F64, stage: int) -> I64:
         """The next (n,) values of a stage, each with its own row of (n, k) `weights`: f - 1 (SPEC §10.5)."""
-        self.modelled += len(weights)
         return self._rans.decode_rows(weights).astype(np.int64)
-
-    def read_logits(self, logits: F32 | None, weights: Callable[[], F64], stage: int) -> I64:
-        """The next (n,) values of a stage, by (k, n) integer `logits` or by the rows that `weights` makes of them.
-
-        Args:
-            logits: None where something else than NumPy's float32 holds them.
-            weights: gives the rows of :meth:`read_rows`; to be asked for once, as it uses up the logits.
-        """
-        return self.read_rows(weights(), stage)
 
     def finish(self) -> None:
         """Check the seal (SPEC §8.2)."""

@@ -2,19 +2,34 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from os import PathLike
 from pathlib import Path
 
 from scarfmt.container.source import read_bounded
 from scarfmt.errors import InvalidInput
-from scarfmt.formats import anchor_npz, compressed_ply, gltf, inria_ply, scaffold, sog, splat, spz, streamed_sog
+from scarfmt.formats import (
+    anchor_npz,
+    compressed_ply,
+    gltf,
+    inria_ply,
+    ksplat,
+    ply,
+    scaffold,
+    sog,
+    splat,
+    spz,
+    streamed_sog,
+)
 from scarfmt.formats.anchor_npz import save_anchor_npz
+from scarfmt.formats.packed import is_packed, kind_of, unpack
 from scarfmt.formats.source import Source
+from scarfmt.scene.description import Description
 from scarfmt.scene.gaussians import AnchorModel, GaussianScene
 
-__all__ = ["FORMATS", "MAX_PIPE_BYTES", "Format", "detect", "load", "save_anchor_npz"]
+__all__ = ["FORMATS", "MAX_PIPE_BYTES", "Format", "detect", "find", "load", "save_anchor_npz", "stem"]
 
 MAX_PIPE_BYTES = 1 << 33
 """Bytes of a scene taken from a pipe: 30 million Gaussians as a PLY."""
@@ -30,6 +45,7 @@ class Format:
         extensions: file name endings, lower case; used only where no content test matches.
         sniff: whether the content is of this format.
         load: reads it.
+        describe: reads what it says about the scene, from little of it; for formats that can say anything.
     """
 
     id: str
@@ -37,23 +53,35 @@ class Format:
     extensions: tuple[str, ...]
     sniff: Callable[[Source], bool]
     load: Callable[[Source], GaussianScene | AnchorModel]
+    describe: Callable[[Source], Description] = lambda _: Description()
 
 
 FORMATS = (
-    Format("compressed-ply", "PlayCanvas PLY", (".compressed.ply",), compressed_ply.sniff, compressed_ply.load),
+    Format(
+        "compressed-ply",
+        "PlayCanvas PLY",
+        (".compressed.ply",),
+        compressed_ply.sniff,
+        compressed_ply.load,
+        ply.describe,
+    ),
     Format("scaffold", "Scaffold-GS folder", (), scaffold.sniff, scaffold.load),
-    Format("ply", "INRIA 3D Gaussian splatting PLY", (".ply",), inria_ply.sniff, inria_ply.load),
-    Format("spz", "Niantic SPZ 1 to 4", (".spz",), spz.sniff, spz.load),
-    Format("gltf", "glTF 2.0 with KHR_gaussian_splatting", (".glb", ".gltf"), gltf.sniff, gltf.load),
+    Format("ply", "INRIA 3D Gaussian splatting PLY", (".ply",), inria_ply.sniff, inria_ply.load, ply.describe),
+    Format("spz", "Niantic SPZ 1 to 4", (".spz",), spz.sniff, spz.load, spz.describe),
     Format(
         "streamed-sog",
         "PlayCanvas streamed SOG, its finest level",
-        ("lod-meta.json",),
+        ("lod-meta.json", ".ssog"),
         streamed_sog.sniff,
         streamed_sog.load,
+        streamed_sog.describe,
     ),
-    Format("sog", "PlayCanvas SOG 1 and 2, bundled or meta.json", (".sog", "meta.json"), sog.sniff, sog.load),
+    Format(
+        "sog", "PlayCanvas SOG 1 and 2, bundled or meta.json", (".sog", "meta.json"), sog.sniff, sog.load, sog.describe
+    ),
+    Format("gltf", "glTF 2.0 with KHR_gaussian_splatting", (".glb", ".gltf"), gltf.sniff, gltf.load, gltf.describe),
     Format("anchor-npz", "Scaffold-GS style anchor model", (".npz",), anchor_npz.sniff, anchor_npz.load),
+    Format("ksplat", "GaussianSplats3D .ksplat", (".ksplat",), ksplat.sniff, ksplat.load),
     Format("splat", "antimatter15 .splat", (".splat",), splat.sniff, splat.load),
 )
 
@@ -76,8 +104,17 @@ def load(path_or_bytes: str | PathLike[str] | bytes, *, format: str | None = Non
         Unsupported: a newer version of a known format.
         LimitExceeded: more Gaussians than any scene has, or a pipe that does not end (refusal `input-limit`).
     """
+    source, found = find(path_or_bytes, format)
+    scene = found.load(source)
+    return replace(scene, description=found.describe(source)) if isinstance(scene, GaussianScene) else scene
+
+
+def find(path_or_bytes: str | PathLike[str] | bytes, format: str | None = None) -> tuple[Source, Format]:
+    """The bytes of a scene, unpacked where an archive holds it, and their format; errors as of :func:`load`."""
     source = _source(path_or_bytes)
-    return _named(format).load(source) if format is not None else detect(source).load(source)
+    if format is None and is_packed(source) and _by_content(source) is None:
+        source = unpack(source)
+    return source, detect(source) if format is None else _named(format)
 
 
 def detect(source: Source) -> Format:
@@ -86,15 +123,29 @@ def detect(source: Source) -> Format:
     Raises:
         InvalidInput: none matches (refusal `input-format`).
     """
+    found = _by_content(source)
+    if found is not None:
+        return found
+    kind, name = kind_of(source), source.file_name.lower()
     for candidate in FORMATS:
-        if candidate.sniff(source):
+        if name.endswith(candidate.extensions) and not kind:
             return candidate
-    name = source.file_name.lower()
-    for candidate in FORMATS:
-        if name.endswith(candidate.extensions):
-            return candidate
+    if kind:
+        raise InvalidInput("input-format", f"{source.name}: {kind}")
     hint = "" if name else " (.splat content has no mark: give its format)"
     raise InvalidInput("input-format", f"{source.name}: unknown format{hint}; supported: {_supported()}")
+
+
+def stem(name: str) -> str:
+    """The name of a scene: its file without the ending, or its folder where the file has the name of a format."""
+    path = Path(name)
+    endings = (ending for known in FORMATS for ending in known.extensions if path.name.lower().endswith(ending))
+    ending = next(endings, path.suffix)
+    return path.name[: len(path.name) - len(ending)] or path.absolute().parent.name
+
+
+def _by_content(source: Source) -> Format | None:
+    return next((candidate for candidate in FORMATS if candidate.sniff(source)), None)
 
 
 def _source(path_or_bytes: str | PathLike[str] | bytes) -> Source:
@@ -112,7 +163,11 @@ def _index_of(directory: Path) -> Path:
     streamed = directory / streamed_sog.INDEX
     if streamed.exists():
         return streamed
-    return scaffold.points_of(directory) or directory / "meta.json"
+    found = scaffold.points_of(directory) or directory / "meta.json"
+    if not os.path.lexists(found):
+        message = f"{directory} is a folder without meta.json (SOG), lod-meta.json or point_cloud.ply (Scaffold-GS)"
+        raise InvalidInput("input-folder", message)
+    return found
 
 
 def _named(format_id: str) -> Format:

@@ -24,8 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scarfmt.atomic import atomic_write
-from scarfmt.formats.archive import Archive, member_names, open_archive
-from scarfmt.formats.source import Source
+from scarfmt.formats.source import Archive, Source, member_names, open_archive
 from scarfmt.scene.gaussians import AnchorModel, Mlp
 
 _PARTS = ("anchor", "feat", "offset", "scaling")
@@ -48,7 +47,7 @@ _OUTPUTS_PER_SLOT = {"opacity": 1, "cov": 7, "color": 3}
 
 def sniff(source: Source) -> bool:
     """Whether the content is a ZIP archive holding the arrays of an anchor model."""
-    return {f"{name}.npy" for name in _PARTS} <= member_names(source)
+    return {f"{name}.npy" for name in _PARTS} <= set(member_names(source))
 
 
 def load(source: Source) -> AnchorModel:

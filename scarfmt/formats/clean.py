@@ -1,7 +1,12 @@
-"""Deciding what to do with an imported scene that is empty or holds values that are not finite, or absurd."""
+"""Deciding what to do with an imported scene that is empty or holds values that are not finite, or absurd.
+
+Infinities that mean something are values: an opacity logit of +-inf is opaque or transparent, a log scale of -inf flat.
+"""
 
 from __future__ import annotations
 
+import math
+import warnings
 from dataclasses import dataclass, replace
 from typing import overload
 
@@ -9,12 +14,58 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scarfmt.arrays import I64
-from scarfmt.errors import InvalidInput
+from scarfmt.errors import InputWarning, InvalidInput
+from scarfmt.formats.inria_ply import FLAT_LOG_SCALE
 from scarfmt.scene.gaussians import AnchorModel, GaussianScene
 
 MAX_COEFFICIENT = 1 << 20
 """Largest magnitude of a coefficient of spherical harmonics that is encoded. Trained scenes stay below 100. Far beyond,
 the integers of a file could not hold it in steps that show in the other Gaussians."""
+
+MAX_LOGIT = 20.0
+"""Magnitude of the opacity logits that stand for infinite ones: 2e-9 from 0 and from 1."""
+_VISIBLE_LOGIT = -math.log(254)
+"""Of an opacity of 1/255, below which renderers draw nothing."""
+
+Counts = dict[str, int]
+"""Gaussians by what there is to tell of them."""
+
+
+def keep_edges(scene: GaussianScene) -> tuple[GaussianScene, Counts]:
+    """A scene whose meaningful infinities are finite, and what there is to tell of its Gaussians.
+
+    Returns:
+        The scene (the same object where nothing changed), and numbers of Gaussians: of infinite logits and flat axes,
+        which are kept, and of rows that look empty, which are kept as they are.
+    """
+    endless = np.isinf(scene.opacity_logits)
+    flat = np.isneginf(scene.log_scales)
+    still = ~scene.rotations.any(axis=1)
+    empty = still & ~scene.positions.any(axis=1) & ~scene.sh.any(axis=(1, 2)) & ~scene.log_scales.any(axis=1)
+    counts = {
+        "have an infinite opacity logit: kept as opaque or transparent": endless,
+        "have a size of 0 along an axis: kept as flat": flat.any(axis=1),
+        "are rows of zeros, as some exporters leave them: kept; remove them with the tool that wrote the file": empty,
+        "have a rotation of length 0, which is taken for none": still & ~empty,
+    }
+    if endless.any() or flat.any():
+        finite = scene.log_scales[np.isfinite(scene.log_scales)]
+        least = min(FLAT_LOG_SCALE, float(finite.min(initial=0.0)))
+        scene = replace(
+            scene,
+            log_scales=np.where(flat, np.float32(least), scene.log_scales),
+            opacity_logits=np.where(endless, np.sign(scene.opacity_logits) * MAX_LOGIT, scene.opacity_logits).astype(
+                np.float32
+            ),
+        )
+    return scene, {what: int(np.count_nonzero(rows)) for what, rows in counts.items()}
+
+
+def warn_of(counts: Counts, total: int) -> None:
+    """Tell what :func:`keep_edges` counted among `total` Gaussians."""
+    for what, count in counts.items():
+        if count:
+            warnings.warn(f"{count:,} of {total:,} Gaussians {what}", InputWarning, stacklevel=3)
 
 
 @overload
@@ -35,6 +86,9 @@ def clean(scene: GaussianScene | AnchorModel, drop_invalid: bool = False) -> tup
         InvalidInput: no rows, or none left (refusal `input-empty`); values that are not finite, without
             `drop_invalid` or in a network's weights (refusal `input-not-finite`); coefficients of spherical
             harmonics beyond `MAX_COEFFICIENT`, without `drop_invalid` (refusal `input-range`).
+
+    Warns:
+        InputWarning: what :func:`keep_edges` tells, and what is dropped.
     """
     if len(scene) == 0:
         raise InvalidInput("input-empty", "the scene holds no Gaussians; there is nothing to encode")
@@ -42,18 +96,21 @@ def clean(scene: GaussianScene | AnchorModel, drop_invalid: bool = False) -> tup
         _check_networks(scene)
         bad = _invalid_anchors(scene)
     else:
+        scene, counts = keep_edges(scene)
         faults = Faults.of(scene)
         if not drop_invalid:
             faults.refuse()
         bad = faults.rows
+        warn_of(counts, len(scene))
     dropped = int(np.count_nonzero(bad))
     if dropped == 0:
         return scene, 0
     if not drop_invalid:
-        raise _not_finite(dropped, len(scene), f"row {int(np.argmax(bad))}")
+        raise _not_finite(dropped, len(scene), f"row {int(np.argmax(bad))}", None)
     if dropped == len(scene):
         raise nothing_left(dropped)
     if isinstance(scene, GaussianScene):
+        warn_dropped(dropped, len(scene), faults.visible)
         return scene.take(~bad), dropped
     return _take_anchors(scene, ~bad), dropped
 
@@ -67,12 +124,14 @@ class Faults:
         rows: (count,) bool: those with such values.
         first: which row of which file is the first with a NaN or an infinity, for people; None without one.
         absurd: name, place and value of the first coefficient beyond `MAX_COEFFICIENT`; None without one.
+        visible: how many of the rows have an opacity that shows.
     """
 
     count: int
     rows: NDArray[np.bool_]
     first: str | None
     absurd: tuple[str, str, float] | None
+    visible: int
 
     @classmethod
     def of(cls, scene: GaussianScene, numbers: I64 | None = None, file: str = "") -> Faults:
@@ -96,7 +155,9 @@ class Faults:
             row = int(np.argmax(absurd))
             name, value = _largest_coefficient(scene, row)
             found = name, place(row), value
-        return cls(len(scene), bad | absurd, first, found)
+        rows = bad | absurd
+        visible = int(np.count_nonzero(scene.opacity_logits[rows] > _VISIBLE_LOGIT))
+        return cls(len(scene), rows, first, found, visible)
 
     def refuse(self) -> None:
         """Refuse the scene if there are any.
@@ -104,19 +165,21 @@ class Faults:
         Raises:
             InvalidInput: ``input-not-finite``, ``input-range``.
         """
-        Faults.refusal(int(np.count_nonzero(self.rows)), self.count, self.first, self.absurd)
+        Faults.refusal(int(np.count_nonzero(self.rows)), self.count, self.first, self.absurd, self.visible)
 
     @staticmethod
-    def refusal(dropped: int, count: int, first: str | None, absurd: tuple[str, str, float] | None) -> None:
+    def refusal(
+        dropped: int, count: int, first: str | None, absurd: tuple[str, str, float] | None, visible: int
+    ) -> None:
         """Refuse `count` Gaussians, `dropped` of which cannot be encoded, if there is a first of them.
 
         Raises:
             InvalidInput: ``input-not-finite``, ``input-range``.
         """
         if first is not None:
-            raise _not_finite(dropped, count, first)
+            raise _not_finite(dropped, count, first, visible)
         if absurd is not None:
-            raise _absurd(*absurd)
+            raise _absurd(*absurd, dropped, visible)
 
 
 def _largest_coefficient(scene: GaussianScene, row: int) -> tuple[str, float]:
@@ -127,11 +190,22 @@ def _largest_coefficient(scene: GaussianScene, row: int) -> tuple[str, float]:
     return name, float(scene.sh[row, coefficient, colour])
 
 
-def _not_finite(dropped: int, count: int, first: str) -> InvalidInput:
+def warn_dropped(dropped: int, count: int, visible: int) -> None:
+    """Tell what leaving out unusable Gaussians cost."""
+    message = f"left out {dropped:,} of {count:,} Gaussians with unusable values, {_how_visible(dropped, visible)}"
+    warnings.warn(message, InputWarning, stacklevel=3)
+
+
+def _how_visible(dropped: int, visible: int) -> str:
+    return "none of them visible" if not visible else f"{visible:,} of these {dropped:,} visible"
+
+
+def _not_finite(dropped: int, count: int, first: str, visible: int | None) -> InvalidInput:
+    cost = "" if visible is None else f", {_how_visible(dropped, visible)}"
     return InvalidInput(
         "input-not-finite",
         f"{dropped} of {count} rows hold NaN or infinite values, the first is {first}; "
-        "use --drop-invalid to leave them out",
+        f"use --drop-invalid to leave them out{cost}",
     )
 
 
@@ -140,11 +214,11 @@ def nothing_left(dropped: int) -> InvalidInput:
     return InvalidInput("input-empty", f"all {dropped} rows hold unusable values; nothing is left to encode")
 
 
-def _absurd(name: str, place: str, value: float) -> InvalidInput:
+def _absurd(name: str, place: str, value: float, dropped: int, visible: int) -> InvalidInput:
     return InvalidInput(
         "input-range",
         f"{name} of {place} is {value:g}; at most +-{MAX_COEFFICIENT:,} is encoded; "
-        "use --drop-invalid to leave such rows out",
+        f"use --drop-invalid to leave {dropped} such rows out, {_how_visible(dropped, visible)}",
         field=name,
     )
 

@@ -1,12 +1,13 @@
 """Writing glTF 2.0 with KHR_gaussian_splatting: a .glb, or a .gltf with its buffer beside it. Floats, uncompressed.
 
-Each attribute has a buffer view of its own, which is what most readers expect; they wait aside until their sizes are
+Each attribute has a buffer view of its own, which is what most readers expect; they wait spool until their sizes are
 known. Memory does not grow with the scene.
 """
 
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, BinaryIO
@@ -17,13 +18,12 @@ from numpy.typing import NDArray
 from scarfmt.arrays import F64, U8
 from scarfmt.container.registries import ColourSpace
 from scarfmt.errors import InvalidInput
-from scarfmt.formats import gltf_layout as layout
-from scarfmt.formats.aside import Aside
-from scarfmt.formats.dequantise import SH_C0
-from scarfmt.formats.frame import LUF_TO_RDF, flip_axes, signs_to
-from scarfmt.formats.output import Described, Losses, Parts, Written, finite
-from scarfmt.formats.quantise import opacities, unit_quaternions
+from scarfmt.formats import gltf as layout
+from scarfmt.formats.frame import LUF_TO_RDF, Signs, flip_axes, flip_up, signs_to
+from scarfmt.formats.output import CoarseSteps, Described, Losses, Parts, Says, Spool, Written, finite
+from scarfmt.formats.quantise import SH_C0, opacities, unit_quaternions
 from scarfmt.scene.gaussians import GaussianScene
+from scarfmt.scene.rotation import matrix_from_quaternion
 
 MAX_GLB_BYTES = 2**32 - 1
 _ARRAY_BUFFER = 34962
@@ -56,20 +56,51 @@ def write_gltf(parts: Parts, described: Described, target: BinaryIO, beside: Bes
         InvalidInput: ``output-range``: a value is not finite or too large for float32, or a .glb would have over 4 GiB;
             ``output-empty``.
     """
-    signs, losses = signs_to(LUF_TO_RDF, described.frame), Losses()
-    linear = described.colour_space == ColourSpace.LINEAR
+    signs, losses, steps = signs_to(LUF_TO_RDF, described.frame), Losses(), CoarseSteps()
+    linear = described.description.colour_space == ColourSpace.LINEAR
     count, low, high = 0, np.full(3, np.inf), np.full(3, -np.inf)
-    with Aside(_attributes(described.sh_degree)) as aside:
+    with Spool(_attributes(described.sh_degree)) as spool:
         for part in finite(parts, "glTF"):
             values = _values(flip_axes(part, signs), linear, losses)
             for name, array in values.items():
-                aside.add(name, array)
+                spool.add(name, array)
             count += len(part)
             positions = values[layout.POSITION]
+            steps.add(np.spacing(np.abs(positions).max(axis=1)).astype(np.float64), part.log_scales)
             low, high = np.minimum(low, positions.min(axis=0)), np.maximum(high, positions.max(axis=0))
-        document, size = _document(aside, count, linear, {"min": low.tolist(), "max": high.tolist()})
-        _write(document, size, aside, target, beside)
-    return Written(count, losses.notes(described, count, axes_of="glTF"))
+        document, size = _document(spool, count, linear, {"min": low.tolist(), "max": high.tolist()})
+        _place(document, described, signs)
+        _write(document, size, spool, target, beside)
+    return Written(count, losses.notes(described, count, "glTF", _SAYS, steps))
+
+
+_SAYS = Says.AXES | Says.LINEAR | Says.UP | Says.ORIGIN | Says.ANY_REFERENCE
+
+
+def _place(document: dict[str, Any], described: Described, signs: Signs) -> None:
+    """Move the node to where its positions were, turn what was up to +y, and say what the coordinates mean."""
+    [node], up = document["nodes"], flip_up(described.description.up_axis, signs)
+    if up not in (None, "y"):
+        node["rotation"] = _UPWARD[up]
+    if any(described.moved):
+        moved = np.array(described.moved) * signs
+        turn = matrix_from_quaternion(np.array(_UPWARD[up or "y"])[None, [3, 0, 1, 2]])[0]
+        node["translation"] = (turn @ moved).tolist()
+    said = described.description.metadata()
+    if said:
+        document["asset"]["extras"] = said
+
+
+_HALF = math.sqrt(0.5)
+_UPWARD = {
+    "y": [0, 0, 0, 1],
+    "-y": [0, 0, 1, 0],
+    "x": [0, 0, _HALF, _HALF],
+    "-x": [0, 0, -_HALF, _HALF],
+    "z": [-_HALF, 0, 0, _HALF],
+    "-z": [_HALF, 0, 0, _HALF],
+}
+"""Quaternions x, y, z, w that take an axis to +y."""
 
 
 def _attributes(degree: int) -> list[str]:
@@ -101,13 +132,13 @@ def _colour(scene: GaussianScene, opacity: F64, linear: bool) -> U8:
     return rgba
 
 
-def _document(aside: Aside, count: int, linear: bool, bounds: Mapping[str, Any]) -> tuple[dict[str, Any], int]:
+def _document(spool: Spool, count: int, linear: bool, bounds: Mapping[str, Any]) -> tuple[dict[str, Any], int]:
     """The JSON but for the place of its buffer, and the bytes of that."""
     views: list[dict[str, Any]] = []
     accessors: list[dict[str, Any]] = []
     offset = 0
-    for name in aside.names:
-        size = aside.size(name)
+    for name in spool.names:
+        size = spool.size(name)
         views.append({"buffer": 0, "byteOffset": offset, "byteLength": size, "target": _ARRAY_BUFFER})
         if name == layout.COLOUR:
             kind = {"componentType": layout.UBYTE, "normalized": True, "type": _PER_VERTEX[size // count]}
@@ -122,7 +153,7 @@ def _document(aside: Aside, count: int, linear: bool, bounds: Mapping[str, Any])
         "projection": layout.PROJECTION,
         "sortingMethod": layout.SORTING,
     }
-    attributes = {name: number for number, name in enumerate(aside.names)}
+    attributes = {name: number for number, name in enumerate(spool.names)}
     primitive = {"attributes": attributes, "mode": layout.POINTS, "extensions": {layout.EXTENSION: splatting}}
     document = {
         "asset": {"version": "2.0", "generator": "scarfmt"},
@@ -138,11 +169,11 @@ def _document(aside: Aside, count: int, linear: bool, bounds: Mapping[str, Any])
     return document, offset
 
 
-def _write(document: dict[str, Any], size: int, aside: Aside, target: BinaryIO, beside: Beside | None) -> None:
+def _write(document: dict[str, Any], size: int, spool: Spool, target: BinaryIO, beside: Beside | None) -> None:
     if beside is not None:
         document["buffers"][0]["uri"] = beside.name
         target.write(json.dumps(document, indent=1).encode())
-        _copy_all(aside, beside.stream)
+        _copy_all(spool, beside.stream)
         return
     text = json.dumps(document, separators=(",", ":")).encode()
     text += b" " * (-len(text) % 4)
@@ -152,9 +183,9 @@ def _write(document: dict[str, Any], size: int, aside: Aside, target: BinaryIO, 
     target.write(layout.GLB.pack(layout.GLB_MAGIC, layout.GLB_VERSION, length))
     target.write(layout.CHUNK.pack(len(text), layout.JSON_CHUNK) + text)
     target.write(layout.CHUNK.pack(size, layout.BINARY_CHUNK))
-    _copy_all(aside, target)
+    _copy_all(spool, target)
 
 
-def _copy_all(aside: Aside, target: BinaryIO) -> None:
-    for name in aside.names:
-        aside.copy(name, target)
+def _copy_all(spool: Spool, target: BinaryIO) -> None:
+    for name in spool.names:
+        spool.copy(name, target)

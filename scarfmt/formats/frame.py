@@ -6,6 +6,8 @@ up, back (OpenGL, SPZ), LUF is left, up, forward (glTF).
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from scarfmt.arrays import F32
@@ -37,13 +39,20 @@ def flip_axes(scene: GaussianScene, signs: Signs) -> GaussianScene:
     x, y, z = signs
     # A covariance turns into F R S S' R' F; F R F is a rotation again, about the flipped axis.
     quaternion_signs = np.array([1, y * z, x * z, x * y], np.float32)
-    return GaussianScene(
-        scene.positions * np.array(signs, np.float64),
-        scene.log_scales,
-        scene.rotations * quaternion_signs,
-        scene.opacity_logits,
-        scene.sh * _sh_signs(signs)[: scene.sh.shape[1], None],
+    return replace(
+        scene,
+        positions=scene.positions * np.array(signs, np.float64),
+        rotations=scene.rotations * quaternion_signs,
+        sh=scene.sh * _sh_signs(signs)[: scene.sh.shape[1], None],
+        description=replace(scene.description, up_axis=flip_up(scene.description.up_axis, signs)),
     )
+
+
+def flip_up(up_axis: str | None, signs: Signs) -> str | None:
+    """An up axis, as :class:`~scarfmt.scene.description.Description` has it, where some axes point the other way."""
+    if up_axis is None or signs["xyz".index(up_axis[-1])] > 0:
+        return up_axis
+    return up_axis[1:] if up_axis.startswith("-") else f"-{up_axis}"
 
 
 def _sh_signs(signs: Signs) -> F32:

@@ -3,8 +3,10 @@
 Properties, of any numeric type, in any order, text or binary; others (normals, say) are ignored:
 
 - ``x y z``: position in world units.
-- ``f_dc_0..2``, ``f_rest_0..``: spherical harmonics, `f_rest` channel-major, 0, 9, 24 or 45 of them.
+- ``f_dc_0..2``, ``f_rest_0..``: spherical harmonics, `f_rest` channel-major, 0, 9, 24, 45 or 72 of them; what is above
+  degree 3 is left out. Scenes without view-dependent colour may have ``red green blue`` instead, uchar or ushort.
 - ``opacity``: logit.
+- ``filter_3D``: Mip-Splatting's smoothing filter, a standard deviation that its trainer adds to every size.
 - ``scale_0..2``: natural log. 2D Gaussian scenes have two; the third is then set to log(1e-9), a flat disk.
 - ``rot_0..3``: quaternion w, x, y, z.
 """
@@ -12,21 +14,32 @@ Properties, of any numeric type, in any order, text or binary; others (normals, 
 from __future__ import annotations
 
 import math
+import warnings
+from collections.abc import Iterable
 from dataclasses import dataclass
+from os import PathLike
+from typing import BinaryIO
 
 import numpy as np
+from numpy.typing import NDArray
 
 from scarfmt.arrays import F32, F64
-from scarfmt.errors import InvalidInput
-from scarfmt.formats import ply, ply_body
-from scarfmt.formats.dequantise import sh_from_channel_major
+from scarfmt.atomic import atomic_write
+from scarfmt.errors import InputWarning, InvalidInput
+from scarfmt.formats import ply
+from scarfmt.formats.quantise import dc_of_colour, opacities, sh_from_channel_major
 from scarfmt.formats.source import Source
 from scarfmt.scene.gaussians import GaussianScene
 
 FLAT_LOG_SCALE = math.log(1e-9)
 """Log scale given to the missing third axis of a 2D Gaussian."""
 
-_REST_COUNTS = (0, 9, 24, 45)
+_COEFFICIENTS = {0: 0, 9: 3, 24: 8, 45: 15, 72: 24}
+"""Numbers of f_rest columns, and how many of them each colour has."""
+_MOST = 15
+_DC, _RGB = ("f_dc_0", "f_dc_1", "f_dc_2"), ("red", "green", "blue")
+_LARGEST = {"u1": 255.0, "u2": 65535.0}
+_FILTER = "filter_3D"
 
 
 def sniff(source: Source) -> bool:
@@ -43,7 +56,8 @@ def load(source: Source) -> GaussianScene:
     """
     header = ply.read_header(source)
     columns = Columns.of(source, header)
-    return columns.scene(ply_body.read_elements(source, header, ["vertex"])["vertex"])
+    columns.warn(source)
+    return columns.scene(ply.read_elements(source, header, ["vertex"])["vertex"])
 
 
 @dataclass(frozen=True)
@@ -52,11 +66,17 @@ class Columns:
 
     Attributes:
         scales: names of the two or three scales.
+        colours: names of the colours of degree 0.
         rest: names of the coefficients above degree 0.
+        smoothed: whether there is a filter to apply.
+        notes: what is not read as it is, for people.
     """
 
     scales: tuple[str, ...]
+    colours: tuple[str, ...]
     rest: tuple[str, ...]
+    smoothed: bool
+    notes: tuple[str, ...]
 
     @classmethod
     def of(cls, source: Source, header: ply.Header) -> Columns:
@@ -66,33 +86,65 @@ class Columns:
             InvalidInput: ``input-not-gaussians``, ``input-sh-degree``.
         """
         vertex = header.elements.get("vertex")
-        names = [] if vertex is None else [name for name, kind in vertex.properties.items() if kind != ply.LIST]
-        rest = _required_columns(source, names)
-        return cls(tuple(name for name in ("scale_0", "scale_1", "scale_2") if name in names), tuple(rest))
+        kinds = {} if vertex is None else vertex.properties
+        names = [name for name, kind in kinds.items() if kind != ply.LIST]
+        colours = _DC if set(_DC) & set(names) or not set(_RGB) <= set(names) else _RGB
+        _check_columns(source, names, colours)
+        if colours == _RGB and any(ply.TYPES[kinds[name]] not in _LARGEST for name in _RGB):
+            message = f"{source.name}: red, green and blue of type {kinds['red']}, whose range nothing says"
+            raise InvalidInput("input-not-gaussians", f"{message}; export them as f_dc or uchar", field="vertex.red")
+        rest, notes = _rest_columns(source, names)
+        if colours == _RGB:
+            notes += ("colours are read from red, green and blue: they have no f_dc",)
+        scales = tuple(name for name in ("scale_0", "scale_1", "scale_2") if name in names)
+        return cls(scales, colours, rest, _FILTER in names, notes)
 
-    def positions(self, rows: ply_body.Rows) -> F64:
+    def warn(self, source: Source) -> None:
+        """Tell what is not read as it is."""
+        for note in self.notes:
+            warnings.warn(f"{source.name}: {note}", InputWarning, stacklevel=4)
+
+    def positions(self, rows: ply.Rows) -> F64:
         """(N, 3) float64."""
-        return ply_body.columns(rows, ["x", "y", "z"]).astype(np.float64)
+        return ply.columns(rows, ["x", "y", "z"]).astype(np.float64)
 
-    def scene(self, rows: ply_body.Rows) -> GaussianScene:
+    def scene(self, rows: ply.Rows) -> GaussianScene:
         """The Gaussians of some rows."""
-        scales = ply_body.columns(rows, list(self.scales))
-        dc = ply_body.columns(rows, ["f_dc_0", "f_dc_1", "f_dc_2"])[:, None, :]
-        harmonics = sh_from_channel_major(ply_body.columns(rows, list(self.rest)))
+        scales = ply.columns(rows, list(self.scales))
+        logits = ply.columns(rows, ["opacity"])[:, 0]
+        if self.smoothed:
+            scales, logits = _smooth(scales, logits, rows[_FILTER])
+        dc = self._dc(rows)[:, None, :]
+        harmonics = sh_from_channel_major(ply.columns(rows, list(self.rest)))
         with np.errstate(over="ignore"):  # doubles beyond float32 become infinities, which a later check reports
             return GaussianScene(
                 self.positions(rows),
                 _with_third_axis(scales.astype(np.float32)),
-                ply_body.columns(rows, [f"rot_{i}" for i in range(4)]).astype(np.float32),
-                ply_body.columns(rows, ["opacity"])[:, 0].astype(np.float32),
+                ply.columns(rows, [f"rot_{i}" for i in range(4)]).astype(np.float32),
+                logits.astype(np.float32),
                 np.concatenate([dc.astype(np.float32), harmonics], axis=1),
             )
 
+    def _dc(self, rows: ply.Rows) -> NDArray[np.generic]:
+        """(N, 3) coefficients of degree 0."""
+        stored = ply.columns(rows, list(self.colours))
+        if self.colours == _DC:
+            return stored
+        largest = [_LARGEST[rows.dtype[name].str[1:]] for name in self.colours]
+        return dc_of_colour(stored.astype(np.float64) / largest)[:, 0]
 
-def _required_columns(source: Source, names: list[str]) -> list[str]:
-    """Check that all attributes are there; the f_rest columns in order."""
-    required = ["x", "y", "z", "scale_0", "scale_1", *(f"rot_{i}" for i in range(4)), "opacity"]
-    required += [f"f_dc_{i}" for i in range(3)]
+
+def _smooth(scales: NDArray[np.generic], logits: NDArray[np.generic], width: NDArray[np.generic]) -> tuple[F64, F64]:
+    """Log scales and logits under a filter: Gaussians wider by it, and fainter so that each shows as much."""
+    log_scales, opacity = scales.astype(np.float64), opacities(logits.astype(np.float32))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        wider = 0.5 * np.logaddexp(2 * log_scales, 2 * np.log(width.astype(np.float64))[:, None])
+        fainter = opacity * np.exp((log_scales - wider).sum(axis=1))
+        return wider, np.log(fainter) - np.log1p(-fainter)
+
+
+def _check_columns(source: Source, names: list[str], colours: tuple[str, ...]) -> None:
+    required = ["x", "y", "z", "scale_0", "scale_1", *(f"rot_{i}" for i in range(4)), "opacity", *colours]
     missing = [name for name in required if name not in names]
     if missing:
         kind = "a point cloud or mesh, not a Gaussian scene" if "scale_0" in missing else "not a complete scene"
@@ -101,17 +153,93 @@ def _required_columns(source: Source, names: list[str]) -> list[str]:
             f"{source.name}: {kind}: the PLY vertices lack {', '.join(missing)}; give a trained 3D Gaussian scene",
             field="vertex",
         )
-    rest = sorted((name for name in names if name.startswith("f_rest_")), key=lambda name: (len(name), name))
-    if len(rest) not in _REST_COUNTS or rest != [f"f_rest_{i}" for i in range(len(rest))]:
+
+
+def _rest_columns(source: Source, names: list[str]) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """The f_rest columns up to degree 3, in order, and a note on what is left out."""
+    found = {name for name in names if name.startswith("f_rest_")}
+    each = _COEFFICIENTS.get(len(found))
+    if each is None or found != {f"f_rest_{i}" for i in range(len(found))}:
         raise InvalidInput(
             "input-sh-degree",
-            f"{source.name}: {len(rest)} f_rest properties; expected f_rest_0 on, 0, 9, 24 or 45 of them (degree 0..3)",
+            f"{source.name}: {len(found)} f_rest properties; expected f_rest_0 on, 0, 9, 24, 45 or 72 of them"
+            " (degree 0..4)",
             field="vertex.f_rest",
         )
-    return rest
+    kept = tuple(f"f_rest_{colour * each + i}" for colour in range(3) for i in range(min(each, _MOST)))
+    return kept, ("spherical harmonics of degree 4 are left out: scenes here have degree 3",) if each > _MOST else ()
 
 
 def _with_third_axis(log_scales: F32) -> F32:
     if log_scales.shape[1] == 3:
         return log_scales
     return np.pad(log_scales, ((0, 0), (0, 1)), constant_values=np.float32(FLAT_LOG_SCALE))
+
+
+def write_inria_ply(
+    scene: GaussianScene,
+    destination: str | PathLike[str] | BinaryIO,
+    *,
+    comments: Iterable[str] = (),
+    force: bool = False,
+) -> None:
+    """Write INRIA's layout, binary_little_endian, all float: x y z nx ny nz f_dc f_rest opacity scale rot.
+
+    Values are as in the scene, bit for bit; positions are rounded to float32. Normals are zero, as INRIA writes them.
+
+    Args:
+        scene: any scene.
+        destination: a path, written whole or not at all, or an open binary file.
+        comments: header comment lines, ASCII, one line each.
+        force: overwrite an existing file.
+
+    Raises:
+        InvalidInput: the file exists and `force` is not set, or a comment cannot be written.
+    """
+    rows = ply_rows(scene)
+    header = ply_header(len(scene), property_names(scene.sh.shape[1] - 1), comments)
+    if isinstance(destination, str | PathLike):
+        with atomic_write(destination, force=force) as stream:
+            stream.write(header)
+            stream.write(rows.data)
+    else:
+        destination.write(header)
+        destination.write(rows.data)
+
+
+def property_names(rest: int) -> list[str]:
+    """INRIA's columns for `rest` coefficients a colour above degree 0."""
+    names = ["x", "y", "z", "nx", "ny", "nz", "f_dc_0", "f_dc_1", "f_dc_2"]
+    names += [f"f_rest_{i}" for i in range(3 * rest)]
+    return [*names, "opacity", "scale_0", "scale_1", "scale_2", "rot_0", "rot_1", "rot_2", "rot_3"]
+
+
+def ply_rows(scene: GaussianScene) -> F32:
+    """(N, properties) little-endian float32, in the order of the header."""
+    rest = 3 * (scene.sh.shape[1] - 1)
+    table = np.zeros((len(scene), 17 + rest), "<f4")
+    with np.errstate(over="ignore"):  # beyond float32: an infinity says more than a wrong finite number
+        table[:, 0:3] = scene.positions
+    table[:, 6:9] = scene.sh[:, 0]
+    # f_rest is channel-major: all of red, then green, then blue.
+    table[:, 9 : 9 + rest].reshape(len(scene), 3, rest // 3)[:] = scene.sh[:, 1:].transpose(0, 2, 1)
+    table[:, 9 + rest] = scene.opacity_logits
+    table[:, 10 + rest : 13 + rest] = scene.log_scales
+    table[:, 13 + rest :] = scene.rotations
+    return table
+
+
+def ply_header(count: int, names: list[str], comments: Iterable[str]) -> bytes:
+    """The header of `count` Gaussians with properties `names`.
+
+    Raises:
+        InvalidInput: ``output-comment``.
+    """
+    lines = ["ply", "format binary_little_endian 1.0"]
+    for comment in comments:
+        if not comment.isascii() or not comment.isprintable():
+            raise InvalidInput("output-comment", f"a PLY comment is one line of printable ASCII, got {comment!r}")
+        lines.append(f"comment {comment}")
+    lines.append(f"element vertex {count}")
+    lines += [f"property float {name}" for name in names]
+    return "\n".join([*lines, "end_header", ""]).encode("ascii")

@@ -1,16 +1,66 @@
-"""Shared parts of the writers of other formats: the description of a scene, the report, and the refusals."""
+"""What the writers of formats share: the scene in parts, what a format loses of it, and streams that wait on disk."""
 
 from __future__ import annotations
 
+import itertools
+import shutil
+import tempfile
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
+from contextlib import ExitStack
+from dataclasses import dataclass, replace
+from enum import Flag, auto
+from typing import BinaryIO, cast
 
 import numpy as np
+from numpy.typing import NDArray
 
-from scarfmt.arrays import Bools
-from scarfmt.container.registries import ColourSpace, CoordinateFrame
+from scarfmt.arrays import F32, F64, Bools
+from scarfmt.container.registries import ColourSpace, CoordinateFrame, RenderModel
 from scarfmt.errors import InvalidInput
+from scarfmt.scene.description import NOTHING_SAID, USUAL_UP, Description
 from scarfmt.scene.gaussians import GaussianScene
+
+_MEMORY_BYTES = 1 << 22
+"""Maximum bytes of each stream in memory; the rest is on disk."""
+_COPY_BYTES = 1 << 20
+
+
+class Spool(ExitStack):
+    """Named streams in temporary files, to be used as a context manager: together as large as what is written.
+
+    Args:
+        names: of the streams.
+    """
+
+    def __init__(self, names: Iterable[str]):
+        super().__init__()
+        self._streams: dict[str, BinaryIO] = {}
+        for name in names:
+            stream = self.enter_context(tempfile.SpooledTemporaryFile(_MEMORY_BYTES))  # noqa: SIM115 - the stack closes it
+            self._streams[name] = cast(BinaryIO, stream)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the streams, in the order given."""
+        return tuple(self._streams)
+
+    def add(self, name: str, values: NDArray[np.generic]) -> None:
+        """Append the bytes of an array, in C order."""
+        self._streams[name].write(np.ascontiguousarray(values).data)
+
+    def size(self, name: str) -> int:
+        """Bytes of a stream so far."""
+        return self._streams[name].tell()
+
+    def reopened(self, name: str) -> BinaryIO:
+        """A stream from its beginning, to be read."""
+        self._streams[name].seek(0)
+        return self._streams[name]
+
+    def copy(self, name: str, target: BinaryIO) -> None:
+        """Write a stream to `target`."""
+        shutil.copyfileobj(self.reopened(name), target, _COPY_BYTES)
+
 
 Parts = Iterable[GaussianScene]
 """A scene in parts of any size, all of one SH degree: so it never has to be in memory whole."""
@@ -23,12 +73,103 @@ class Described:
     Attributes:
         sh_degree: of all its parts, 0..3.
         frame: which way its axes point; unspecified is taken for RDF.
-        colour_space: what its colours measure; unspecified is taken for sRGB.
+        description: what its source says about it; an unspecified colour space is taken for sRGB.
+        count: Gaussians of all parts, where that is known before.
+        comments: what a reader should know about them, an ASCII line each.
+        places: (n, 3) float64 positions that tell where it lies; None for those of its first part.
+        moved: what was subtracted from all positions.
     """
 
     sh_degree: int
     frame: CoordinateFrame = CoordinateFrame.RDF
-    colour_space: ColourSpace = ColourSpace.SRGB
+    description: Description = NOTHING_SAID
+    count: int | None = None
+    comments: tuple[str, ...] = ()
+    places: F64 | None = None
+    moved: tuple[float, float, float] = (0.0, 0.0, 0.0)
+
+    @classmethod
+    def of(cls, scene: GaussianScene) -> Described:
+        """The properties of a scene in memory, as importers give it."""
+        return cls(scene.sh_degree, description=scene.description, count=len(scene), places=scene.positions)
+
+    @property
+    def origin(self) -> tuple[float, float, float]:
+        """What has to be added to positions, as written, for those that the source names, world units."""
+        x, y, z = (kept + moved for kept, moved in zip(self.description.origin, self.moved, strict=True))
+        return x, y, z
+
+
+_FINE = 32
+"""Steps of float32 for each size of a Gaussian: with fewer, what lies far from zero is moved."""
+_FAR = 4
+"""A scene is moved if it lies so many times its own extent from zero."""
+
+
+def move_near_zero(parts: Parts, described: Described) -> tuple[Parts, Described]:
+    """A scene whose positions would lose what shows in float32, such as one in coordinates of a map, with an origin
+    subtracted; any other as it is.
+
+    The origin is in whole units, and the middle of the scene: a few Gaussians far from all others do not matter.
+    """
+    rest = iter(parts)
+    first = next(rest, None)
+    if first is None:
+        return (), described
+    parts = itertools.chain([first], rest)
+    places = first.positions if described.places is None else described.places
+    places = places[np.isfinite(places).all(axis=1)]
+    if not len(places):
+        return parts, described
+    origin = np.rint(np.median(places, axis=0))
+    far = float(np.abs(origin).max())
+    reach = float(np.percentile(np.abs(places - origin).max(axis=1), 90))
+    size = float(np.median(gaussian_sizes(first.log_scales)))
+    if far < _FAR * reach or far > np.finfo(np.float32).max or np.spacing(np.float32(far)) * _FINE < size:
+        return parts, described
+    x, y, z = origin.tolist()
+    moved = (replace(part, positions=part.positions - origin) for part in parts)
+    return moved, replace(described, moved=(x, y, z))
+
+
+def gaussian_sizes(log_scales: F32) -> F64:
+    """(N,) float64 standard deviation along the axis of middle length, world units."""
+    return np.asarray(np.exp(np.sort(log_scales.astype(np.float64), axis=1)[:, 1]))
+
+
+class CoarseSteps:
+    """Compares steps of positions with the sizes of the Gaussians that they move."""
+
+    def __init__(self) -> None:
+        self._coarse = self._total = 0
+        self._largest = 0.0
+
+    def add(self, steps: F64, log_scales: F32) -> None:
+        """Count Gaussians: (N,) or one step, world units, and (N, 3)."""
+        self.compare(steps, gaussian_sizes(log_scales))
+
+    def compare(self, steps: F64 | float, sizes: F64) -> None:
+        """Count Gaussians of which the sizes, (N,), are known."""
+        self._coarse += int(np.count_nonzero(steps > sizes))
+        self._total += len(sizes)
+        self._largest = max(self._largest, float(np.max(steps, initial=0.0)))
+
+    def refuse(self, title: str, advice: str) -> None:
+        """Refuse a scene of which most Gaussians would be moved by more than they are wide.
+
+        Raises:
+            InvalidInput: ``output-range``.
+        """
+        if 2 * self._coarse > self._total:
+            message = f"{title} would round positions to {self._largest:.3g}, more than half of the Gaussians are wide"
+            raise InvalidInput("output-range", f"{message}; {advice}")
+
+    def notes(self) -> list[str]:
+        """A line where some are moved by more than they are wide."""
+        if not self._coarse:
+            return []
+        some = f"{self._coarse:,} of {self._total:,} Gaussians"
+        return [f"positions rounded to up to {self._largest:.3g}, more than they are wide: {some}"]
 
 
 @dataclass(frozen=True)
@@ -38,10 +179,12 @@ class Written:
     Attributes:
         count: Gaussians written.
         notes: what the format could not hold as it was, for people, a line each.
+        unit: of the count.
     """
 
     count: int
     notes: tuple[str, ...]
+    unit: str = "Gaussian"
 
 
 class Losses:
@@ -56,22 +199,59 @@ class Losses:
         self._counts[what] = self._counts.get(what, 0) + rows
 
     def notes(
-        self, described: Described, total: int, *, axes_of: str | None = None, colours_of: str | None = None
+        self, described: Described, total: int, title: str, says: Says, steps: CoarseSteps | None = None
     ) -> tuple[str, ...]:
-        """A line for each kind of change there was.
+        """A line for each kind of change there was, and for all that the scene says and the format cannot.
 
         Args:
             described: the scene.
             total: Gaussians written.
-            axes_of: the format, where it fixes axes and the scene may not say which it has.
-            colours_of: the format, where it cannot say that colours are linear.
+            title: of the format.
+            says: what it has words for.
+            steps: of positions.
         """
         found = [f"{what}: {count:,} of {total:,} Gaussians" for what, count in self._counts.items() if count]
-        if axes_of is not None and described.frame == CoordinateFrame.UNSPECIFIED:
-            found.append(f"the scene does not say where its axes point: taken for RDF, and turned for {axes_of}")
-        if colours_of is not None and described.colour_space == ColourSpace.LINEAR:
-            found.append(f"its colours are linear, which {colours_of} cannot say: readers will take them for sRGB")
+        found += [] if steps is None else steps.notes()
+        said, origin = described.description, described.origin
+        if any(described.moved):
+            found.append(f"positions are written less {_point(described.moved)}, so that float32 holds them")
+        if Says.AXES in says and described.frame == CoordinateFrame.UNSPECIFIED:
+            found.append(f"the scene does not say where its axes point: taken for RDF, and turned for {title}")
+        if Says.LINEAR not in says and said.colour_space == ColourSpace.LINEAR:
+            found.append(f"its colours are linear, which {title} cannot say: readers will take them for sRGB")
+        if Says.RENDER_MODEL not in says and said.render_model != RenderModel.CLASSIC:
+            name = said.render_model.name.lower().replace("_", "-")
+            found.append(f"its Gaussians are {name}, which {title} cannot say: readers will draw them as classic ones")
+        if Says.UP not in says and said.up_axis not in (None, USUAL_UP):
+            found.append(f"its up axis is {said.up_axis}, which {title} cannot say: readers will show it on its side")
+        if Says.ORIGIN not in says and any(origin):
+            found.append(f"its origin is {_point(origin)}, which {title} cannot say: keep it with the file")
+        if said.coordinate_reference and not says.can_name(said.coordinate_reference):
+            found.append(f"its coordinate reference is {said.coordinate_reference[:60]}, which {title} cannot say")
         return tuple(found)
+
+
+def _point(numbers: tuple[float, float, float]) -> str:
+    return "({})".format(", ".join(f"{number:.12g}" for number in numbers))
+
+
+class Says(Flag):
+    """What a format has words for."""
+
+    NOTHING = 0
+    RENDER_MODEL = auto()
+    UP = auto()
+    ORIGIN = auto()
+    EPSG = auto()
+    """Coordinate references of a number, `EPSG:25832`."""
+    ANY_REFERENCE = auto()
+    LINEAR = auto()
+    AXES = auto()
+    """It fixes where axes point."""
+
+    def can_name(self, coordinate_reference: str) -> bool:
+        """Whether it has words for this coordinate reference."""
+        return Says.ANY_REFERENCE in self or (Says.EPSG in self and coordinate_reference.startswith("EPSG:"))
 
 
 def finite(parts: Parts, title: str) -> Iterator[GaussianScene]:

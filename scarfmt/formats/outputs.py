@@ -2,17 +2,26 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, contextmanager
+from dataclasses import dataclass, field, replace
+from pathlib import Path
 from typing import BinaryIO
+from urllib.parse import quote
 
+import numpy as np
+
+from scarfmt.arrays import F32
 from scarfmt.errors import InvalidInput
-from scarfmt.formats.aside import Aside
-from scarfmt.formats.export_compressed_ply import write_compressed_ply
+from scarfmt.formats.compressed_ply import write_compressed_ply
 from scarfmt.formats.export_gltf import Beside, write_gltf
-from scarfmt.formats.export_ply import ply_header, ply_rows, property_names
-from scarfmt.formats.export_spz import SpzOptions, write_spz
-from scarfmt.formats.output import Described, Parts, Written
+from scarfmt.formats.export_sog import write_sog
+from scarfmt.formats.inria_ply import ply_header, ply_rows, property_names
+from scarfmt.formats.output import CoarseSteps, Described, Losses, Parts, Spool, Written, move_near_zero
+from scarfmt.formats.ply import PLY_SAYS, description_comments
+from scarfmt.formats.splat import write_splat
+from scarfmt.formats.spz import SpzOptions, write_spz
+from scarfmt.formats.usd import write_usd
 
 
 @dataclass(frozen=True)
@@ -50,7 +59,8 @@ def write_parts(
 ) -> Written:
     """Write a scene in memory that does not grow with it, but with the largest of its parts.
 
-    What waits for its place lies in temporary files, together as large as the output.
+    What waits for its place lies in temporary files, together as large as the output. Where a scene lies so far from
+    zero that float32 would lose what shows, an origin is subtracted from its positions.
 
     Args:
         format_id: id of an output.
@@ -65,20 +75,35 @@ def write_parts(
     """
     for known in OUTPUTS:
         if known.id == format_id:
-            return known.write(parts, described, target, options or OutputOptions())
+            return known.write(*move_near_zero(parts, described), target, options or OutputOptions())
     names = ", ".join(known.id for known in OUTPUTS)
     raise InvalidInput("output-format", f"unknown output format {format_id!r}; there are {names}")
 
 
 def _ply(parts: Parts, described: Described, target: BinaryIO, _options: OutputOptions) -> Written:
-    count = 0
-    with Aside(("rows",)) as aside:
+    names, count, steps = property_names((described.sh_degree + 1) ** 2 - 1), described.count, CoarseSteps()
+    comments = [*described.comments, *description_comments(described.description, described.origin)]
+
+    def tables() -> Iterator[F32]:
         for part in parts:
-            aside.add("rows", ply_rows(part))
-            count += len(part)
-        target.write(ply_header(count, property_names((described.sh_degree + 1) ** 2 - 1), ()))
-        aside.copy("rows", target)
-    return Written(count, ())
+            with np.errstate(over="ignore"):
+                far = np.abs(part.positions).max(axis=1).astype(np.float32)
+            steps.add(np.spacing(far).astype(np.float64), part.log_scales)
+            yield ply_rows(part)
+
+    if count is not None:
+        target.write(ply_header(count, names, comments))
+        for table in tables():
+            target.write(table.data)
+    else:
+        count = 0
+        with Spool(("rows",)) as spool:
+            for table in tables():
+                spool.add("rows", table)
+                count += len(table)
+            target.write(ply_header(count, names, comments))
+            spool.copy("rows", target)
+    return Written(count, Losses().notes(described, count, "PLY", PLY_SAYS, steps))
 
 
 def _gltf(parts: Parts, described: Described, target: BinaryIO, options: OutputOptions) -> Written:
@@ -108,4 +133,51 @@ OUTPUTS = (
         lambda parts, described, target, _: write_gltf(parts, described, target),
     ),
     Output("gltf", "glTF 2.0 with KHR_gaussian_splatting, its buffer beside it", ".gltf", _gltf),
+    Output(
+        "sog",
+        "PlayCanvas SOG 2, bundled",
+        ".sog",
+        lambda parts, described, target, _: write_sog(parts, described, target),
+    ),
+    Output(
+        "splat",
+        "antimatter15 .splat",
+        ".splat",
+        lambda parts, described, target, _: write_splat(parts, described, target),
+    ),
+    Output(
+        "usd",
+        "USD with ParticleField3DGaussianSplat",
+        ".usdc",
+        lambda parts, described, target, _: write_usd(parts, described, target),
+    ),
 )
+
+
+def output_of(name: str) -> Output:
+    """The format that a file name ends in.
+
+    Raises:
+        InvalidInput: ``output-format``: none.
+    """
+    for known in sorted(OUTPUTS, key=lambda known: -len(known.suffix)):
+        if name.lower().endswith(known.suffix):
+            return known
+    endings = ", ".join(known.suffix for known in OUTPUTS)
+    raise InvalidInput("output-format", f"{name} ends in none of {endings}")
+
+
+@contextmanager
+def open_targets(
+    name: str, format_id: str, options: OutputOptions, open_file: Callable[[str], AbstractContextManager[BinaryIO]]
+) -> Iterator[tuple[BinaryIO, OutputOptions]]:
+    """The file of a scene, and options with the file beside it, NAME.bin of a .gltf. Both appear when complete."""
+    if format_id != "gltf":
+        with open_file(name) as target:
+            yield target, options
+        return
+    path = Path(name)
+    buffer = path.with_name(f"{path.stem}.bin")
+    # The buffer gets its name first: a .gltf never names what is not there.
+    with open_file(name) as target, open_file(str(buffer)) as stream:
+        yield target, replace(options, beside=Beside(quote(buffer.name), stream))

@@ -1,4 +1,4 @@
-"""Conversions that several writers of quantised splat formats share: those of `dequantise`, the other way."""
+"""Conversions that several quantised splat formats share, in both directions."""
 
 from __future__ import annotations
 
@@ -47,3 +47,55 @@ def levels(fractions: NDArray[np.floating], count: int) -> U32:
     """The nearest of `count` equal steps from 0 to 1, as 0..count - 1."""
     nearest: U32 = np.rint(np.clip(fractions, 0.0, 1.0) * (count - 1)).astype(np.uint32)
     return nearest
+
+
+SH_C0 = 0.28209479177387814
+"""Value of the degree 0 spherical harmonic, 1 / (2 sqrt(pi))."""
+
+
+def logit_of_alpha(alpha: U8) -> F32:
+    """Opacity logits of 8-bit opacities.
+
+    0 and 255 stand for the half of their bin inside (0, 1): 0.5/255 and 254.5/255, logits of -6.23 and 6.23,
+    so that every byte gives a finite logit and 0 and 255 stay apart from 1 and 254.
+
+    Args:
+        alpha: (N,) uint8, 255 is opaque.
+
+    Returns:
+        (N,) float32.
+    """
+    table = np.clip(np.arange(256.0), 0.5, 254.5) / 255.0
+    logits: F32 = np.log(table / (1.0 - table)).astype(np.float32)[alpha]
+    return logits
+
+
+def dc_of_colour(colour: F64) -> F32:
+    """Degree 0 coefficients (N, 1, 3) float32 of view-independent colours (N, 3), 0 black, 1 white."""
+    return ((colour - 0.5) / SH_C0).astype(np.float32)[:, None, :]
+
+
+def complete_smallest_three(kept: F64, omitted: NDArray[np.integer]) -> F64:
+    """Unit quaternions of which the component of largest magnitude was left out, and is not negative.
+
+    Args:
+        kept: (N, 3) float64, the other components in their order.
+        omitted: (N,) integer 0..3, position of the missing component.
+
+    Returns:
+        (N, 4) float64, components in the order of the format.
+    """
+    largest = np.sqrt(np.maximum(0.0, 1.0 - (kept**2).sum(1)))
+    kept_positions = np.array([[j for j in range(4) if j != i] for i in range(4)])[omitted]
+    quaternions = np.empty((len(kept), 4))
+    rows = np.arange(len(kept))
+    quaternions[rows, omitted] = largest
+    quaternions[rows[:, None], kept_positions] = kept
+    return quaternions
+
+
+def sh_from_channel_major(rest: NDArray[np.generic]) -> F32:
+    """INRIA's f_rest columns (N, 3 R), all of red first, as (N, R, 3) float32."""
+    count, columns = rest.shape
+    coefficients: F32 = rest.astype(np.float32, copy=False).reshape(count, 3, columns // 3).transpose(0, 2, 1)
+    return coefficients

@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scarfmt.errors import InvalidInput
-from scarfmt.formats import ply, ply_body
+from scarfmt.formats import ply
 from scarfmt.formats.source import Source
 from scarfmt.formats.torch_archive import tensors
 from scarfmt.scene.gaussians import AnchorModel, Mlp
@@ -80,14 +80,14 @@ def load(source: Source) -> AnchorModel:
         raise source.corrupt(f"no PLY of Scaffold-GS: {what}", field="vertex")
     slots = len(offsets) // 3
     mlps = _networks(source, len(features), slots)
-    rows = ply_body.read_elements(source, header, ["vertex"])["vertex"]
+    rows = ply.read_elements(source, header, ["vertex"])["vertex"]
     with np.errstate(over="ignore"):  # doubles beyond float32 become infinities, which a later check reports
-        by_axis = ply_body.columns(rows, offsets).astype(np.float32).reshape(len(rows), 3, slots)
+        by_axis = ply.columns(rows, offsets).astype(np.float32).reshape(len(rows), 3, slots)
         return AnchorModel(
-            ply_body.columns(rows, ["x", "y", "z"]).astype(np.float64),
-            ply_body.columns(rows, features).astype(np.float32),
+            ply.columns(rows, ["x", "y", "z"]).astype(np.float64),
+            ply.columns(rows, features).astype(np.float32),
             np.ascontiguousarray(by_axis.transpose(0, 2, 1)),
-            ply_body.columns(rows, scales).astype(np.float32),
+            ply.columns(rows, scales).astype(np.float32),
             mlps,
         )
 

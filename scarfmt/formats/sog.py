@@ -14,34 +14,30 @@ Axes are kept as stored: writers copy those of the PLY they convert.
 from __future__ import annotations
 
 import io
-import json
-from collections.abc import Callable
-from pathlib import Path, PurePosixPath
+from pathlib import PurePosixPath
 from typing import Any
 
 import numpy as np
 
 from scarfmt.arrays import F32, F64, U8
+from scarfmt.container.registries import RenderModel
 from scarfmt.errors import InvalidInput, Unsupported, missing_package
-from scarfmt.formats.archive import is_zip, member_names, open_archive
-from scarfmt.formats.dequantise import complete_smallest_three, logit_of_alpha
-from scarfmt.formats.source import Source
+from scarfmt.formats.quantise import complete_smallest_three, logit_of_alpha
+from scarfmt.formats.source import Folder, Source, is_zip, member_names, open_folder
+from scarfmt.scene.description import Description
 from scarfmt.scene.gaussians import GaussianScene
 
-_META = "meta.json"
-_PALETTE_COLUMNS = 64
-_BANDS_OF_COEFFICIENTS = {3: 1, 8: 2, 15: 3}
+META = "meta.json"
+PALETTE_COLUMNS = 64
+BANDS_OF_COEFFICIENTS = {3: 1, 8: 2, 15: 3}
 _SPARE_PIXELS = 1 << 20
-
-ReadMember = Callable[[str], bytes]
 
 
 def sniff(source: Source) -> bool:
-    """Whether the content is a ZIP archive with `meta.json`, or a `meta.json` that names means."""
+    """Whether the content is a `meta.json`, or a ZIP archive with one."""
     if is_zip(source):
-        return any(PurePosixPath(name).name == _META for name in member_names(source))
-    head = source.head(1 << 14)
-    return head.lstrip()[:1] == b"{" and b'"means"' in head
+        return any(PurePosixPath(name).name == META for name in member_names(source))
+    return source.document is not None and isinstance(source.document.get("means"), dict)
 
 
 def load(source: Source) -> GaussianScene:
@@ -52,45 +48,52 @@ def load(source: Source) -> GaussianScene:
         Unsupported: a newer version.
         LimitExceeded: more Gaussians than any scene has.
     """
+    with open_folder(source, META) as (folder, meta):
+        return read(folder, meta)
+
+
+def read(folder: Folder, meta: Source) -> GaussianScene:
+    """Read the scene of a `meta.json` whose images are in a folder."""
+    return _Reader(folder, meta).scene()
+
+
+def describe(source: Source) -> Description:
+    """What `model` says: how the scene was trained."""
     if not is_zip(source):
-        directory = directory_of(source)
-        read: ReadMember = lambda name: Source(directory / name).read()  # noqa: E731
-        return _Reader(source, source.read(), read, _bytes_in(directory)).scene()
-    with open_archive(source) as archive:
-        paths = {PurePosixPath(name).name: name for name in archive.members}
-        meta = archive.read(paths.get(_META, _META))
-        return _Reader(source, meta, lambda name: archive.read(paths.get(name, name)), source.size).scene()
+        return Description(model_of(source))
+    with open_folder(source, META) as (_, meta):
+        return Description(model_of(meta))
 
 
-def directory_of(source: Source) -> Path:
-    """The directory of a JSON file whose images lie beside it.
+def model_of(meta: Source) -> RenderModel:
+    """The render model that a `meta.json` or `lod-meta.json` names.
 
     Raises:
-        InvalidInput: ``input-incomplete``: the source is no file.
+        Unsupported: ``input-version``: an unknown one.
     """
-    if source.path is None:
-        message = "a meta.json read from memory has no images beside it; give its path, or a bundled .sog"
-        raise InvalidInput("input-incomplete", message)
-    return source.path.parent
+    name = (meta.document or {}).get("model")
+    if name not in _MODELS:
+        raise Unsupported("input-version", f"{meta.name}: model {str(name)[:40]!r}; this importer knows {_MODEL_NAMES}")
+    return _MODELS[name]
 
 
-def _bytes_in(directory: Path) -> int:
-    """Bytes of the regular files of a directory."""
-    return sum(path.stat().st_size for path in directory.iterdir() if path.is_file())
+_MODELS = {
+    None: RenderModel.CLASSIC,
+    "default": RenderModel.CLASSIC,
+    "antialiased": RenderModel.ANTIALIASED,
+    "2dgs": RenderModel.TWO_DIMENSIONAL,
+}
+_MODEL_NAMES = ", ".join(str(name) for name in _MODELS if name)
 
 
 class _Reader:
-    """Decodes one SOG from its metadata, a function that reads images by bare file name, and the bytes of all files."""
+    """Decodes one SOG from its metadata and the folder of its images."""
 
-    def __init__(self, source: Source, meta: bytes, read: ReadMember, packed_bytes: int):
+    def __init__(self, folder: Folder, source: Source):
         self.source = source
-        self._read = read
-        self._packed_bytes = packed_bytes
-        try:
-            self.meta = json.loads(meta)
-        except (ValueError, RecursionError) as error:
-            raise source.corrupt(f"meta.json is not JSON ({error})", field=_META) from error
-        version = self.meta.get("version", 1) if isinstance(self.meta, dict) else None
+        self._folder = folder
+        self.meta = source.json(field=META)
+        version = self.meta.get("version", 1)
         if version not in (1, 2):
             raise Unsupported("input-version", f"{source.name}: SOG version {version!r}; this importer reads 1 and 2")
         self.count = self._count(version)
@@ -113,26 +116,28 @@ class _Reader:
         shape = self._entry("means").get("shape", [None])
         count = self.meta.get("count") if version == 2 else shape[0] if isinstance(shape, list) and shape else None
         if not isinstance(count, int) or isinstance(count, bool) or count < 0:
-            raise self.source.corrupt(f"the number of Gaussians is {count!r}", field=f"{_META}.count")
+            raise self.source.corrupt(f"the number of Gaussians is {count!r}", field=f"{META}.count")
         return count
 
     def _entry(self, key: str) -> dict[str, Any]:
         entry = self.meta.get(key)
         if not isinstance(entry, dict):
-            raise self.source.corrupt("missing", field=f"{_META}.{key}")
+            raise self.source.corrupt("missing", field=f"{META}.{key}")
         return entry
 
     def _numbers(self, key: str, name: str, length: int) -> F64:
         """`length` numbers; a single one is repeated, as version 1 has for shN."""
         value = self._entry(key).get(name)
-        values = [value] * length if isinstance(value, int | float) else value
+        return self._checked(key, name, [value] * length if isinstance(value, int | float) else value, length)
+
+    def _checked(self, key: str, name: str, values: object, length: int) -> F64:
         good = isinstance(values, list) and len(values) == length and all(type(v) in (int, float) for v in values)
         if not good:
-            raise self.source.corrupt(f"expected {length} numbers", field=f"{_META}.{key}.{name}")
+            raise self.source.corrupt(f"expected {length} numbers", field=f"{META}.{key}.{name}")
         try:
             return np.array(values, np.float64)
         except OverflowError as error:
-            raise self.source.corrupt("a number is too large", field=f"{_META}.{key}.{name}") from error
+            raise self.source.corrupt("a number is too large", field=f"{META}.{key}.{name}") from error
 
     def _ranged(self, key: str, fraction: F64, channels: int) -> F64:
         low, high = (self._numbers(key, end, channels) for end in ("mins", "maxs"))
@@ -141,9 +146,16 @@ class _Reader:
     def _values(self, key: str, indices: U8) -> F64:
         """Bytes (N, C) through the codebook, or through the ranges version 1 has instead."""
         if "codebook" in self._entry(key):
-            codebook = self._numbers(key, "codebook", 256)
-            return codebook[indices]
+            return self._codebook(key)[indices]
         return self._ranged(key, indices / 255.0, indices.shape[1])
+
+    def _codebook(self, key: str) -> F64:
+        """(256,) values. Old writers left the first one null: it continues the others, as PlayCanvas reads it."""
+        stored = self._entry(key)["codebook"]
+        if not isinstance(stored, list) or stored[:1] != [None]:
+            return self._numbers(key, "codebook", 256)
+        rest = self._checked(key, "codebook", stored[1:], 255)
+        return np.concatenate([[rest[0] + (rest[0] - rest[-1]) / 255], rest])
 
     def _colour(self, pixels: U8) -> tuple[F64, F32]:
         """Degree 0 coefficients and opacity logits."""
@@ -180,24 +192,23 @@ class _Reader:
     def _palette(self, image: U8) -> F32:
         """(P, R, 3) float32 palette of SH coefficients."""
         height, width, _ = image.shape
-        coefficients = width // _PALETTE_COLUMNS
-        if coefficients not in _BANDS_OF_COEFFICIENTS or width % _PALETTE_COLUMNS:
+        coefficients = width // PALETTE_COLUMNS
+        if coefficients not in BANDS_OF_COEFFICIENTS or width % PALETTE_COLUMNS:
             raise self.source.corrupt(f"the SH palette is {width} pixels wide, expected 192, 512 or 960", field="shN")
-        bands = self._entry("shN").get("bands", _BANDS_OF_COEFFICIENTS[coefficients])
-        if bands != _BANDS_OF_COEFFICIENTS[coefficients]:
+        # Some writers leave `bands` out, or write 0 or null: the palette says it.
+        bands = self._entry("shN").get("bands") or BANDS_OF_COEFFICIENTS[coefficients]
+        if bands != BANDS_OF_COEFFICIENTS[coefficients]:
             raise self.source.corrupt(f"{bands!r} SH bands in a palette {width} pixels wide", field="shN.bands")
-        entries = image[..., :3].reshape(height * _PALETTE_COLUMNS * coefficients, 3)
+        entries = image[..., :3].reshape(height * PALETTE_COLUMNS * coefficients, 3)
         return self._values("shN", entries).astype(np.float32).reshape(-1, coefficients, 3)
 
     def _files(self, key: str, number: int) -> list[str]:
         """Bare names of the images of one property: directories in them are ignored, and cannot lead elsewhere."""
         files = self._entry(key).get("files")
         if not isinstance(files, list) or len(files) < number or not all(isinstance(name, str) for name in files):
-            raise self.source.corrupt(f"expected {number} file names", field=f"{_META}.{key}.files")
+            raise self.source.corrupt(f"expected {number} file names", field=f"{META}.{key}.files")
         names = [PurePosixPath(name.replace("\\", "/")).name for name in files[:number]]
-        if not all(names) or any("\0" in name for name in names):
-            raise self.source.corrupt("an unusable file name", field=f"{_META}.{key}.files")
-        return names
+        return [self.source.beside(name, f"{META}.{key}.files").name for name in names]
 
     def _images(self, key: str, number: int) -> list[U8]:
         return [self._pixels(name) for name in self._files(key, number)]
@@ -217,7 +228,7 @@ class _Reader:
             from PIL import Image, UnidentifiedImageError
         except ModuleNotFoundError as error:
             raise missing_package("pillow", "import") from error
-        data = self._read(name)
+        data = self._folder.source(name).read()
         try:
             with Image.open(io.BytesIO(data), formats=("WEBP", "PNG")) as image:
                 self._check_size(name, image.size, square)
@@ -237,4 +248,4 @@ class _Reader:
         if pixels > 2 * self.count + _SPARE_PIXELS:
             raise self.source.corrupt(f"{pixels} pixels, far more than {self.count} Gaussians need", field=name)
         # An image of one colour is a few bytes whatever its size, so the whole scene is what counts.
-        self.source.check_count(self.count, file_bytes=self._packed_bytes)
+        self.source.check_count(self.count, file_bytes=self._folder.size)

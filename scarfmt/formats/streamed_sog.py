@@ -1,4 +1,4 @@
-"""PlayCanvas streamed SOG, version 1: `lod-meta.json` beside folders that each hold an unbundled SOG.
+"""PlayCanvas streamed SOG, version 1: `lod-meta.json` beside SOG files, bundled or in folders; also all in a ZIP.
 
 A tree of boxes covers the scene. Its leaves name, for each level of detail, runs of Gaussians in the files. Level 0 is
 the scene; coarser levels are copies of it with fewer Gaussians and are not read. The `environment`, such as a sky,
@@ -7,7 +7,6 @@ belongs to the scene and comes last. Files from before there was a version lack 
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import PurePosixPath
@@ -18,20 +17,19 @@ import numpy as np
 from scarfmt.arrays import I64
 from scarfmt.errors import LimitExceeded, Unsupported
 from scarfmt.formats import sog
-from scarfmt.formats.joined import together
-from scarfmt.formats.source import MAX_GAUSSIANS, Source
-from scarfmt.scene.gaussians import GaussianScene
+from scarfmt.formats.source import MAX_GAUSSIANS, Source, is_zip, member_names, open_folder
+from scarfmt.scene.description import Description
+from scarfmt.scene.gaussians import GaussianScene, concatenate
 
 INDEX = "lod-meta.json"
-MAX_INDEX_BYTES = 1 << 28
-"""Indices of the largest published scenes have 58 MB."""
 _FINEST = "0"
 
 
 def sniff(source: Source) -> bool:
-    """Whether the content is a JSON object that names levels of detail."""
-    head = source.head(1 << 14)
-    return head.lstrip()[:1] == b"{" and b'"lodLevels"' in head
+    """Whether the content is an index of levels of detail, or a ZIP archive with one."""
+    if is_zip(source):
+        return any(PurePosixPath(name).name == INDEX for name in member_names(source))
+    return source.document is not None and {"lodLevels", "tree"} <= source.document.keys()
 
 
 def load(source: Source) -> GaussianScene:
@@ -42,13 +40,26 @@ def load(source: Source) -> GaussianScene:
         Unsupported: a newer version.
         LimitExceeded: a larger index, or more Gaussians than any scene has.
     """
-    directory = sog.directory_of(source)
     parts = []
-    for part in finest(source):
-        parts.append(part.of(source, sog.load(Source(directory / part.name))))
-        if sum(map(len, parts)) > MAX_GAUSSIANS:
-            raise LimitExceeded("input-limit", f"{source.name}: more than {MAX_GAUSSIANS} Gaussians")
-    return together(parts)
+    with open_folder(source, INDEX) as (folder, index):
+        for part in finest(index):
+            file = folder.source(part.name)
+            scene = sog.load(file) if is_zip(file) else sog.read(folder.below(part.name.parent), file)
+            parts.append(part.of(index, scene))
+            if sum(map(len, parts)) > MAX_GAUSSIANS:
+                raise LimitExceeded("input-limit", f"{source.name}: more than {MAX_GAUSSIANS} Gaussians")
+    return concatenate(parts)
+
+
+def describe(source: Source) -> Description:
+    """What `model` of the index, or of the first file if that is here, says: how the scene was trained."""
+    if source.path is None and not is_zip(source):
+        return Description(sog.model_of(source))
+    with open_folder(source, INDEX) as (folder, index):
+        if (index.document or {}).get("model") is not None:
+            return Description(sog.model_of(index))
+        file = folder.source(finest(index)[0].name)
+        return sog.describe(file) if is_zip(file) else Description(sog.model_of(file))
 
 
 @dataclass(frozen=True)
@@ -56,7 +67,7 @@ class Part:
     """A file of the finest level.
 
     Attributes:
-        name: path of its `meta.json`, below the directory of the index.
+        name: path of its `meta.json` or bundle, below the directory of the index.
         runs: first Gaussian and number of those that belong to the level, ascending; None for all.
     """
 
@@ -104,14 +115,7 @@ def finest(source: Source) -> list[Part]:
 
 
 def _index(source: Source) -> dict[str, Any]:
-    if source.size > MAX_INDEX_BYTES:
-        raise LimitExceeded("input-limit", f"{source.name}: an index of over {MAX_INDEX_BYTES >> 20} MiB")
-    try:
-        index = json.loads(source.read())
-    except (ValueError, RecursionError) as error:
-        raise source.corrupt(f"{INDEX} is not JSON ({str(error)[:100]})") from error
-    if not isinstance(index, dict):
-        raise source.corrupt(f"{INDEX} is not a JSON object")
+    index = source.document or source.json()
     if index.get("version", 1) != 1:
         message = f"{source.name}: streamed SOG version {index['version']!r}; this importer reads 1"
         raise Unsupported("input-version", message)
@@ -127,9 +131,9 @@ def _names(source: Source, index: dict[str, Any]) -> list[PurePosixPath]:
 
 def _path(source: Source, name: object, field: str) -> PurePosixPath:
     """A path below the directory of the index."""
-    path = PurePosixPath(name) if isinstance(name, str) and "\0" not in name and "\\" not in name else None
-    if path is None or path.is_absolute() or ".." in path.parts or path.name != "meta.json":
-        raise source.corrupt(f"{str(name)[:80]!r} is no relative path of a meta.json", field=field)
+    path = source.beside(name, field)
+    if path.name != sog.META and path.suffix.lower() != ".sog":
+        raise source.corrupt(f"{str(name)[:80]!r} is no relative path of a meta.json or .sog", field=field)
     return path
 
 

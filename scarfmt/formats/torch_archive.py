@@ -10,18 +10,23 @@ from __future__ import annotations
 import math
 import pickletools
 from collections.abc import Callable, Iterator
-from typing import Any
+from typing import Any, TypeGuard
 
 import numpy as np
 from numpy.typing import NDArray
 
-from scarfmt.formats.archive import Archive, member_names, open_archive
-from scarfmt.formats.source import Source
+from scarfmt.formats.source import Archive, Source, member_names, open_archive
 
 _TYPES = {"FloatStorage": "<f4", "DoubleStorage": "<f8", "HalfStorage": "<f2"}
 _MAX_PICKLE = 1 << 20
 """Bytes of a pickle: that of three networks has less than 2^12, that of a whole training state less than 2^16."""
-_MAX_NAME, _MAX_NESTING = 256, 32
+_MAX_NAME, _MAX_NESTING, _MAX_DIMENSIONS = 256, 32, 8
+_MAX_ARGUMENTS = 16
+"""Of a call: torch writes up to 7."""
+_MAX_MERGED = 1 << 20
+"""Attributes that objects of a pickle take over together, from states that may be shared."""
+_LARGE = 1 << 53
+"""No number of a pickle is as large; larger ones could take long to multiply, and many of them have one hash."""
 _FAILURES = (ValueError, TypeError, KeyError, IndexError, AttributeError, OverflowError, UnicodeDecodeError)
 _TENSOR, _PARAMETER = "torch._utils _rebuild_tensor_v2", "torch._utils _rebuild_parameter"
 _MARK = object()
@@ -54,52 +59,71 @@ def tensors(source: Source) -> dict[str, NDArray[np.floating]]:
             raise source.corrupt(f"a pickle of over {_MAX_PICKLE} bytes", field=pickled[0])
         if f"{folder}byteorder" in archive.members and archive.read(f"{folder}byteorder") != b"little":
             raise source.corrupt("saved by a machine of another byte order", field="byteorder")
+        storages: dict[str, NDArray[np.floating]] = {}
+
+        def storage(kind: object, key: object, count: object) -> NDArray[np.floating] | None:
+            return _storage(archive, folder, storages, kind, key, count)
+
         try:
-            value = _Machine(lambda *storage: _storage(archive, folder, *storage)).run(archive.read(pickled[0]))
-            return dict(_leaves(value, "", set()))
+            return dict(_leaves(_Machine(storage).run(archive.read(pickled[0])), "", 0, set()))
         except _FAILURES as error:
             if hasattr(error, "refusal"):
                 raise
             raise source.corrupt(f"a pickle that torch does not write ({error})", field=pickled[0]) from error
 
 
-def _storage(archive: Archive, folder: str, kind: _Global, key: str, count: int) -> NDArray[np.floating] | None:
-    """A storage's numbers; None where they are no floats of 2 to 8 bytes, which no network here is made of."""
-    dtype = _TYPES.get(kind.name.rpartition(" ")[2])
+def _storage(
+    archive: Archive,
+    folder: str,
+    known: dict[str, NDArray[np.floating]],
+    kind: object,
+    key: object,
+    count: object,
+) -> NDArray[np.floating] | None:
+    """A storage's numbers, which are read once; None where they are no floats of 2 to 8 bytes, as networks here are."""
+    dtype = _TYPES.get(kind.name.rpartition(" ")[2]) if isinstance(kind, _Global) else None
     if dtype is None:
         return None
-    if not isinstance(key, str):
-        raise ValueError("a storage without a name")
-    numbers = np.frombuffer(archive.read(f"{folder}data/{key}"), dtype)
+    if not isinstance(key, str) or not _is_size(count):
+        raise ValueError("a storage without a name or a size")
+    if key not in known:
+        known[key] = np.frombuffer(archive.read(f"{folder}data/{key}"), dtype)
+    numbers = known[key]
     if len(numbers) != count:
         raise archive.source.corrupt(f"{len(numbers)} numbers, declared {count}", field=f"data/{key}")
     return numbers
 
 
-def _tensor(
-    storage: NDArray[np.floating] | None, offset: int, size: tuple[int, ...], stride: tuple[int, ...], *_rest: object
-) -> NDArray[np.floating] | None:
-    """A view of a storage; only of one that is dense and in order, as parameters are."""
-    if storage is None:
+def _is_size(value: object) -> TypeGuard[int]:
+    return type(value) is int and 0 <= value < _LARGE
+
+
+def _tensor(storage: object, offset: object, size: object, stride: object, *_rest: object) -> object:
+    """A view of a storage; only of one that is dense and in order, as parameters are. None of no floats."""
+    if not isinstance(storage, np.ndarray):
         return None
+    if not isinstance(size, tuple) or not isinstance(stride, tuple) or len(size) > _MAX_DIMENSIONS:
+        raise ValueError("a tensor without dimensions, or of too many")
+    if not _is_size(offset) or not all(map(_is_size, (*size, *stride))):
+        raise ValueError("a tensor whose sizes are no numbers")
     count = math.prod(size)
     dense = [math.prod(size[axis + 1 :]) for axis in range(len(size))]
     if any(step != own for step, own, length in zip(stride, dense, size, strict=True) if length > 1):
         raise ValueError("a tensor whose numbers are not in order")
-    if min((offset, *size)) < 0 or offset + count > len(storage):
+    if offset + count > len(storage):
         raise ValueError("a tensor beyond its storage")
     return storage[offset : offset + count].reshape(size)
 
 
-def _leaves(value: object, path: str, seen: set[int]) -> Iterator[tuple[str, NDArray[np.floating]]]:
+def _leaves(value: object, path: str, depth: int, seen: set[int]) -> Iterator[tuple[str, NDArray[np.floating]]]:
     """Tensors and the names that lead to them; of what is there twice, the first."""
     if isinstance(value, np.ndarray):
         yield path, value
-    elif isinstance(value, dict) and id(value) not in seen and path.count(".") < _MAX_NESTING:
+    elif isinstance(value, dict) and id(value) not in seen and depth < _MAX_NESTING:
         seen.add(id(value))
         for name, part in value.items():
-            if isinstance(name, str | int) and len(f"{name}") <= _MAX_NAME:
-                yield from _leaves(part, f"{path}.{name}" if path else f"{name}", seen)
+            if len(f"{name}") <= _MAX_NAME:
+                yield from _leaves(part, f"{path}.{name}" if path else f"{name}", depth + 1, seen)
 
 
 class _Machine:
@@ -109,8 +133,9 @@ class _Machine:
         storage: what a storage is, of its type, key and number of elements.
     """
 
-    def __init__(self, storage: Callable[[_Global, str, int], NDArray[np.floating] | None]):
+    def __init__(self, storage: Callable[[object, object, object], NDArray[np.floating] | None]):
         self._storage = storage
+        self._merged = 0
         self._stack: list[Any] = []
         self._memo: dict[int, Any] = {}
 
@@ -141,6 +166,8 @@ class _Machine:
                 stack.append(_Global(argument))
             case "STACK_GLOBAL":
                 module, attribute = stack[-2:]
+                if not all(isinstance(part, str) and len(part) <= _MAX_NAME for part in (module, attribute)):
+                    raise ValueError("a class without a name")
                 stack[-2:] = [_Global(f"{module} {attribute}")]
             case "BINPUT" | "LONG_BINPUT":
                 self._memo[argument] = stack[-1]
@@ -171,7 +198,8 @@ class _Machine:
                 stack[-1].extend(values)
             case "SETITEM" | "SETITEMS":
                 values = self._since_mark() if name == "SETITEMS" else [stack.pop(-2), stack.pop()]
-                stack[-1].update(zip(values[::2], values[1::2], strict=True))
+                pairs = zip(values[::2], values[1::2], strict=True)
+                stack[-1].update((name, value) for name, value in pairs if _is_name(name))
             case "BINPERSID":
                 _, kind, key, _, count = stack.pop()
                 stack.append(self._storage(kind, key, count))
@@ -181,6 +209,9 @@ class _Machine:
             case "BUILD":
                 state = stack.pop()
                 if isinstance(state, dict) and "_metadata" not in state:
+                    self._merged += len(state)
+                    if self._merged > _MAX_MERGED:
+                        raise ValueError("objects that share too much")
                     stack[-1].update(state)
             case _:
                 raise ValueError(f"opcode {name}")
@@ -197,8 +228,15 @@ class _Machine:
         return values
 
 
+def _is_name(value: object) -> bool:
+    """Whether a key of a dictionary can lead to a tensor: hashing others may take for ever."""
+    return isinstance(value, str) or (type(value) is int and abs(value) < _LARGE)
+
+
 def _called(function: _Global, arguments: tuple[Any, ...]) -> object:
     """The value that a call of the pickle stands for. No code is looked up by name."""
+    if len(arguments) > _MAX_ARGUMENTS:
+        raise ValueError("a call of too many arguments")
     if function.name == _TENSOR:
         return _tensor(*arguments)
     if function.name == _PARAMETER:

@@ -8,8 +8,6 @@ Everything is exact: float64 arrays here carry integers whose sums stay far belo
 from __future__ import annotations
 
 from collections.abc import Sequence
-from functools import cached_property
-from typing import Protocol
 
 import numpy as np
 
@@ -48,6 +46,13 @@ def put_fine(values: Ints, steps: Ints, out: I32) -> None:
     np.clip(scaled, -FINE_LIMIT, FINE_LIMIT, out=scaled)
     scaled *= (steps > 0)[:, None]
     out[:] = scaled
+
+
+def fine(values: Ints, steps: Ints) -> I64:
+    """(n, components) int64 fine values; arguments as of :func:`put_fine`."""
+    out = np.empty(values.shape, np.int32)
+    put_fine(values, steps, out)
+    return out.astype(np.int64)
 
 
 def joining_depths(codes: U64) -> I64:
@@ -95,7 +100,7 @@ class CellMeans:
         self.depths = len(shifts)
         # Per depth: (n,) the cell of each row, and (cells,) the first row of each cell.
         self.cell: list[I64] = []
-        self._firsts = firsts = list[I64]()
+        firsts: list[I64] = []
         for shift in shifts:
             new = np.ones(len(codes), np.bool_)
             new[1:] = joining > shift
@@ -105,39 +110,14 @@ class CellMeans:
         self.parents = [cell[firsts[-1]] for cell in self.cell]
         self.starts = [np.searchsorted(firsts[-1], first) for first in firsts]
 
-    @property
-    def sizes(self) -> list[int]:
-        """Per depth, how many cells there are."""
-        return [len(firsts) for firsts in self._firsts]
-
-    @cached_property
-    def compact(self) -> list[I32]:
-        """Per depth, the (n,) int32 cell of each row."""
-        return [cell.astype(np.int32) for cell in self.cell]
-
-
-class Sums(Protocol):
-    """Sums per cell over the anchors added so far: the set E of SPEC §10.2, which grows pass by pass."""
-
-    def add(self, rows: Ints, values: Numbers) -> None:
-        """Add anchors, each at most once.
-
-        Args:
-            rows: (m,).
-            values: (m, columns) integers in -2^24..2^24.
-        """
-
-    def around(self, wanted: Ints) -> tuple[F64, F64]:
-        """Means and counts in the cells of the rows `wanted`, nearest integers with ties up (SPEC §10.2).
-
-        Returns:
-            (w, depths, columns) means; where a cell is empty that of the depth before, 0 at the first. And
-            (w, depths) counts. Both float64 that carry integers, in any memory order.
-        """
-
 
 class CellSums:
-    """:class:`Sums` over the cells of a tile-layer, `columns` values an anchor."""
+    """Sums per cell over the anchors added so far: the set E of SPEC §10.2, which grows pass by pass.
+
+    Args:
+        cells: of a tile-layer.
+        columns: values of an anchor.
+    """
 
     def __init__(self, cells: CellMeans, columns: int) -> None:
         self._cells = cells
@@ -146,6 +126,12 @@ class CellSums:
         self._counts = np.zeros(finest)
 
     def add(self, rows: Ints, values: Numbers) -> None:
+        """Add anchors, each at most once.
+
+        Args:
+            rows: (m,).
+            values: (m, columns) integers in -2^24..2^24.
+        """
         if not len(self._counts) or not len(rows):
             return
         cell = self._cells.cell[-1][rows]
@@ -154,6 +140,12 @@ class CellSums:
         self._counts += np.bincount(cell, minlength=len(self._counts))
 
     def around(self, wanted: Ints) -> tuple[F64, F64]:
+        """Means and counts in the cells of the rows `wanted`, nearest integers with ties up (SPEC §10.2).
+
+        Returns:
+            (w, depths, columns) means; where a cell is empty that of the depth before, 0 at the first. And
+            (w, depths) counts. Both float64 that carry integers, in any memory order.
+        """
         cells = self._cells
         means = np.empty((cells.depths, len(self._sums), len(wanted)))
         counts = np.empty((cells.depths, len(wanted)))

@@ -14,12 +14,11 @@ import numpy as np
 
 from scarfmt.arrays import F32, F64, I64, Ints, Numbers
 from scarfmt.errors import InvalidInput
-from scarfmt.kept import Keeper
 from scarfmt.neural.network import IndexNetwork
-from scarfmt.neural.operations import NUMPY, Array, Operations
+from scarfmt.neural.operations import NUMPY, Array
 from scarfmt.neural.parts import GATES, Attending, Logits, Predicting, Recurrence, Rounded
 from scarfmt.neural.tables import exp2_table
-from scarfmt.scene.codebooks import Codebooks
+from scarfmt.scene.model import Codebooks
 
 
 @dataclass(frozen=True)
@@ -52,27 +51,20 @@ class Block:
     _scores: Array
     _frequencies: Callable[[Array], F64]
 
-    @property
-    def logits(self) -> F32 | None:
-        """(k, m) float32 integers; None where something else than NumPy's float32 holds them."""
-        plain = isinstance(self._scores, np.ndarray) and self._scores.dtype == np.float32
-        return self._scores if plain else None
-
     def weights(self) -> F64:
         """(m, k) float64 f - 1, one row a symbol. To be asked for once: it uses up the logits."""
         return self._frequencies(self._scores)
 
 
-class Evaluator(Keeper):
+class Evaluator:
     """The network of a scene, prepared for its codebooks. Threads may share one.
 
     Args:
         network: valid for `books` (:meth:`IndexNetwork.check`).
         books: a codebook may be empty if none of its indices are to be coded.
-        operations: the array library.
 
     Attributes:
-        network, books, operations: as given.
+        network, books: as given.
         embedding: its two layers.
         mix_embedding, mix_biases, mix_state: the mixer's (H, Y) share of h, its (Y,) biases and its (H, Y) share of c.
         mix_start: (1, Y) what c adds while no index is known.
@@ -82,35 +74,35 @@ class Evaluator(Keeper):
         heads: by number of the codebook, of those that are not empty.
     """
 
-    def __init__(self, network: IndexNetwork, books: Codebooks, operations: Operations = NUMPY) -> None:
-        self.network, self.books, self.operations = network, books, operations
-        self._do, self._amax, h = operations, network.amax, network.hidden
+    def __init__(self, network: IndexNetwork, books: Codebooks) -> None:
+        self.network, self.books = network, books
+        self._do, self._amax, h = NUMPY, network.amax, network.hidden
         self.embedding = (
-            Rounded(network.embed[0], operations, 0, network.amax),
-            Rounded(network.embed[1], operations, -network.amax, network.amax),
+            Rounded(network.embed[0], NUMPY, 0, network.amax),
+            Rounded(network.embed[1], NUMPY, -network.amax, network.amax),
         )
         weights, biases = network.mixer.folded
-        self.mix_embedding, self.mix_biases = operations.constant(weights[:h]), operations.constant(biases)
-        self.mix_state = operations.constant(weights[h:])
+        self.mix_embedding, self.mix_biases = NUMPY.constant(weights[:h]), NUMPY.constant(biases)
+        self.mix_state = NUMPY.constant(weights[h:])
         words = [network.codewords(book) for book in (books.coarse, books.residual)][: len(network.heads)]
         self.gru = [
-            Recurrence(layer, [] if number else words, network.activation_bits, operations)
+            Recurrence(layer, [] if number else words, network.activation_bits, NUMPY)
             for number, layer in enumerate(network.gru)
         ]
         start = network.gru[-1].start
         self.attend: Attending | None = None
         if network.attention is not None:
-            self.attend = Attending(network.attention, start, network.amax, operations)
+            self.attend = Attending(network.attention, start, network.amax, NUMPY)
         # A codebook is empty while no layer that needs it was read: nothing is coded with its head.
         self.heads = {
-            number: Predicting(head, book, network.amax, operations)
+            number: Predicting(head, book, network.amax, NUMPY)
             for number, (head, book) in enumerate(zip(network.heads, words, strict=True))
             if len(book)
         }
-        self._exp2 = operations.constant(exp2_table())
+        self._exp2 = NUMPY.constant(exp2_table())
         # Attention over one state is the value of that state.
-        context = operations.constant(start[None]) if self.attend is None else self.attend.first_value
-        self.mix_start = operations.product(context, self.mix_state)
+        context = NUMPY.constant(start[None]) if self.attend is None else self.attend.first_value
+        self.mix_start = NUMPY.product(context, self.mix_state)
         self._tokens = len(network.gru[0].biases)
         self.first = self._after_first_token(network, len(words[0])) if self._tokens else self.start(0)
 
@@ -246,14 +238,6 @@ class Evaluator(Keeper):
                 o = head.projections[1](self._do.take(y, self._do.index(rows)))
                 logits = self._member_logits(head, o, first, np.clip(edges - part.start, 0, len(rows)))
                 yield Block(rows, logits, self._frequencies)
-
-    def member_outputs(self, book: int, y: Array) -> Array:
-        """(n, R) outputs of the projection of a two-level head for members, of (n, Y) `y`."""
-        head = self.heads[book]
-        out = self._do.empty(len(y), head.projections[1].weights.shape[1])
-        for part in self._chunks(len(y), y.shape[1]):
-            out[part] = head.projections[1](y[part])
-        return out
 
     def _member_logits(self, head: Predicting, o: Array, first: int, edges: I64) -> Array:
         """(size, m) logits of anchors sorted by cluster: first + i has those from edges[i] to edges[i + 1]."""

@@ -18,7 +18,6 @@ from numpy.typing import NDArray
 
 from scarfmt.arrays import F64, I16, I64, U8
 from scarfmt.errors import Malformed
-from scarfmt.kept import Keeper
 
 MAX_LEVELS = 16
 MAX_FEATURES = 8
@@ -168,7 +167,7 @@ def _bad_grid(message: str) -> Malformed:
 
 
 @dataclass(frozen=True)
-class HashGrid(Keeper):
+class HashGrid:
     """A grid and its bits.
 
     Attributes:
@@ -191,19 +190,6 @@ class HashGrid(Keeper):
     def width(self) -> int:
         """Features of an anchor."""
         return sum(level.features for level in self.levels)
-
-    def check(self) -> None:
-        """Check SPEC §10.6.
-
-        Raises:
-            Malformed: ``bad-grid``.
-        """
-        check_grid(self.box, self.levels)
-        if len(self.bits) != len(self.levels):
-            raise _bad_grid(f"{len(self.bits)} tables for {len(self.levels)} levels")
-        for level, bits in zip(self.levels, self.bits, strict=True):
-            if bits.shape != (level.entries, level.features) or bits.dtype != np.uint8 or int(bits.max()) > 1:
-                raise _bad_grid(f"a table of shape {bits.shape} does not fit {level}")
 
     def features(self, positions: NDArray[np.integer[Any]]) -> I16:
         """(n, width) int16 features, -127..127, of anchors at (n, 3) lattice `positions`, level by level.

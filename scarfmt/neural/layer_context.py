@@ -12,16 +12,13 @@ import numpy as np
 from scarfmt.arrays import I16, I32, I64, U64, Ints
 from scarfmt.container.directory import TileFrame
 from scarfmt.container.morton import deinterleave
-from scarfmt.counters import Counters
-from scarfmt.kept import Keeper
-from scarfmt.neural.context import CellMeans, Sums, depth_shifts, passes
-from scarfmt.neural.context_operations import NUMPY_CONTEXT, ContextOperations
+from scarfmt.neural.context import CellMeans, CellSums, depth_shifts, passes, put_fine
 from scarfmt.neural.grid import HashGrid
 from scarfmt.observe import LayerObserver
 from scarfmt.scene.model import SceneModel
 
 
-class LayerContext(Keeper):
+class LayerContext:
     """Decoded context of the anchors known in one layer of one tile.
 
     Args:
@@ -30,8 +27,6 @@ class LayerContext(Keeper):
         codes: (n,) uint64 local Morton codes.
         classes: (n,) int64.
         observer: of the tile-layer, if there is one.
-        counters: of what networks compute from it, if it is counted.
-        operations: what computes it.
     """
 
     def __init__(
@@ -41,16 +36,12 @@ class LayerContext(Keeper):
         codes: U64,
         classes: I64,
         observer: LayerObserver | None = None,
-        counters: Counters | None = None,
-        operations: ContextOperations = NUMPY_CONTEXT,
     ) -> None:
         self.model = model
         self.codes = codes
         self.frame = frame
-        self.operations = operations
         self.classes = classes
         self.observer = observer
-        self.counters = counters
         self._settled: dict[int, tuple[Ints, I64]] = {}
         self._fine_channels: set[int] = set()
 
@@ -91,7 +82,7 @@ class LayerContext(Keeper):
                 break
             start, end = end, end + self.model.channels[channel].components
             if channel not in self._fine_channels:
-                self.operations.put_fine(*self._settled[channel], self._fine[:, start:end])
+                put_fine(*self._settled[channel], self._fine[:, start:end])
                 self._fine_channels.add(channel)
         return self._fine[:, :end]
 
@@ -99,9 +90,9 @@ class LayerContext(Keeper):
     def _fine(self) -> I32:
         return np.empty((len(self), sum(self.model.channels[k].components for k in self.model.attributes)), np.int32)
 
-    def sums(self, columns: int) -> Sums:
+    def sums(self, columns: int) -> CellSums:
         """Sums over :attr:`cells`, of no anchors yet, `columns` values each."""
-        return self.operations.cell_sums(self.cells, columns)
+        return CellSums(self.cells, columns)
 
     def rows(self, anchors: I64) -> I64:
         """The rows of some anchors in :attr:`cells`."""
@@ -114,7 +105,7 @@ class LayerContext(Keeper):
 
     def grid_features(self, grid: HashGrid, anchors: I64) -> I16:
         """(m, width) int16 features of `grid` at the cell centres of some anchors (SPEC §10.6)."""
-        return self.operations.grid_features(grid, cell_centres(self.frame, self.codes[anchors]))
+        return grid.features(cell_centres(self.frame, self.codes[anchors]))
 
 
 def cell_centres(frame: TileFrame, codes: U64) -> I64:

@@ -26,8 +26,7 @@ from scarfmt.neural.arithmetic import (
     check_rows,
     round_shift,
 )
-from scarfmt.scene.codebooks import MAX_CODEWORDS, Codebooks
-from scarfmt.scene.model import MAX_CLASSES
+from scarfmt.scene.model import MAX_CLASSES, MAX_CODEWORDS, Codebooks
 
 MAX_WIDTH = 256
 MAX_INPUTS = 512
@@ -39,7 +38,6 @@ MAX_TOKENS = 7
 QUERY_AMAX = 127
 MAGNITUDE_UNIT = 8
 """A magnitude is this times the bit length of the squared length of a codeword, clamped to activations."""
-MIX_BITS = 8
 
 
 @dataclass(frozen=True)

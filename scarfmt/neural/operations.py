@@ -1,7 +1,7 @@
-"""The few array operations the evaluator is made of, and their NumPy form (SPEC §10.1).
+"""The few array operations the evaluator is made of (SPEC §10.1).
 
 Arrays are binary32 and carry integers, or integers divided by a power of two: every operation here is exact
-for the operands a valid network gives it, so another library gives the same values. The names of operations
+for the operands a valid network gives it. The names of operations
 that change their first operand in place end in ``_``; every operation returns its result.
 """
 
@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 import threading
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,60 +21,6 @@ Array = Any
 
 _SUMMED_TOGETHER = 64
 _TRIANGLE = np.triu(np.ones((_SUMMED_TOGETHER, _SUMMED_TOGETHER), np.float32))
-
-
-class Operations(Protocol):
-    """The operations that an array library must offer. Arrays index, slice, add and multiply as in NumPy.
-
-    Where a table `exp2` is wanted it is that of :func:`scarfmt.neural.tables.exp2_table`.
-    """
-
-    @property
-    def chunk(self) -> int:
-        """Most rows to work on at a time."""
-
-    @property
-    def elements(self) -> int:
-        """Elements of an array that its rows together should not pass by much."""
-
-    def constant(self, values: NDArray[Any]) -> Array:
-        """`values`, exact in binary32, as an array of the library."""
-
-    def lift(self, x: Numbers, amax: int) -> Array:
-        """Integers (n, k), clamped to -amax..amax."""
-
-    def lower(self, x: Array) -> F32:
-        """A NumPy array of `x`, for a look at it: it may share its memory."""
-
-    def index(self, rows: Ints) -> Array:
-        """Row numbers (n,), to be used by :meth:`take`."""
-
-    def empty(self, rows: int, columns: int) -> Array:
-        """Memory for (rows, columns)."""
-
-    def take(self, table: Array, rows: Array) -> Array:
-        """(n, k) copies of rows of a (t, k) table."""
-
-    def product(self, x: Array, weights: Array) -> Array:
-        """(n, out) = (n, in) times (in, out)."""
-
-    def dots(self, a: Array, b: Array) -> Array:
-        """(n,) sums of products of the rows of two (n, k)."""
-
-    def floor_(self, x: Array) -> Array:
-        """The largest integers not above `x`."""
-
-    def clip_(self, x: Array, low: float, high: float) -> Array:
-        """`x` brought into low..high."""
-
-    def lookup_(self, table: Array, x: Array, origin: int = 0) -> Array:
-        """table[i + origin] for the integers i in `x`, the ends of the table beyond it. May use up `x`."""
-
-    def shares(self, scores: Array, exp2: Array) -> Array:
-        """(t, n) floor(256 w / sum w) with w = exp2w(max - score), of (t, n) integer scores. May use up `scores`."""
-
-    def frequency_rows(self, logits: Array, exp2: Array) -> F64:
-        """(n, k) float64 NumPy array f - 1 of (k, n) integer logits (SPEC §8.1, §10.5). May use up `logits`."""
 
 
 class _Scratch(threading.local):

@@ -10,10 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scarfmt.arrays import I64
-from scarfmt.kept import Keeper
 from scarfmt.neural.arithmetic import Linear, folded
 from scarfmt.neural.network import QUERY_AMAX, Attention, GruLayer, Head
-from scarfmt.neural.operations import Array, Operations
+from scarfmt.neural.operations import Array, NumpyOperations
 from scarfmt.neural.tables import LAST, exp2_table, sigmoid_table, state_table
 
 GATES = 3
@@ -30,7 +29,7 @@ class Rounded:
         low, high: the least and the greatest output.
     """
 
-    def __init__(self, layer: Linear, do: Operations, low: int, high: int) -> None:
+    def __init__(self, layer: Linear, do: NumpyOperations, low: int, high: int) -> None:
         self.weights, self.biases = (do.constant(array) for array in layer.folded)
         self._do, self.low, self.high = do, low, high
 
@@ -49,7 +48,7 @@ class Logits:
         count: k.
     """
 
-    def __init__(self, codewords: I64, biases: I64, shift: int, do: Operations) -> None:
+    def __init__(self, codewords: I64, biases: I64, shift: int, do: NumpyOperations) -> None:
         scaled, offset = folded(codewords, biases, shift)
         self.codewords, self.offsets, self._do = do.constant(scaled.T), do.constant(offset[:, None]), do
         self.count = len(codewords)
@@ -79,7 +78,7 @@ class Recurrence:
         sigmoid, tanh: (511,) of -255..255: in units of 1, and new states.
     """
 
-    def __init__(self, layer: GruLayer, codewords: Sequence[I64], activation_bits: int, do: Operations) -> None:
+    def __init__(self, layer: GruLayer, codewords: Sequence[I64], activation_bits: int, do: NumpyOperations) -> None:
         self._do, self.width = do, len(layer.start)
         gates = 2 * self.width
         inputs = [folded(matrix, layer.recurrent_biases, layer.shift)[0] for matrix in layer.inputs]
@@ -139,7 +138,7 @@ class Recurrence:
 class Attending:
     """Attention over the states of the top layer; the key and value of its start state are constants."""
 
-    def __init__(self, attention: Attention, start: I64, amax: int, do: Operations) -> None:
+    def __init__(self, attention: Attention, start: I64, amax: int, do: NumpyOperations) -> None:
         self._do = do
         self.query = Rounded(attention.query, do, -QUERY_AMAX, QUERY_AMAX)
         self.key = Rounded(attention.key, do, -QUERY_AMAX, QUERY_AMAX)
@@ -169,7 +168,7 @@ class Attending:
         return do.floor_(total)
 
 
-class Predicting(Keeper):
+class Predicting:
     """The head of one codebook.
 
     Attributes:
@@ -179,7 +178,7 @@ class Predicting(Keeper):
         members: those of each cluster's members; empty when flat.
     """
 
-    def __init__(self, head: Head, codewords: I64, amax: int, do: Operations) -> None:
+    def __init__(self, head: Head, codewords: I64, amax: int, do: NumpyOperations) -> None:
         self.sizes = head.clusters
         self.projections = [Rounded(layer, do, -amax, amax) for layer in head.projections]
         self.members: list[Logits] = []

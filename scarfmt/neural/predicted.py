@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from functools import cached_property
 from typing import Protocol
 
@@ -10,8 +10,6 @@ import numpy as np
 
 from scarfmt.arrays import F32, I32, I64, Ints
 from scarfmt.container.schema import Stream
-from scarfmt.counters import Part
-from scarfmt.kept import Keeper
 from scarfmt.neural.layer_context import LayerContext
 from scarfmt.neural.predictor_group import PredictorGroup
 from scarfmt.neural.predictors import PassInputs, Predictor, StepContext
@@ -27,7 +25,7 @@ Predictors = Mapping[tuple[int, int, int], Contexts]
 """By (stream, component, step)."""
 
 
-class PredictorSet(Keeper):
+class PredictorSet:
     """The predictors in force in a layer, sorted by what is evaluated together.
 
     Args:
@@ -35,7 +33,6 @@ class PredictorSet(Keeper):
 
     Attributes:
         streams: those with predictors.
-        genuine: whether all are those of a file, none a stand-in.
     """
 
     def __init__(self, predictors: Predictors) -> None:
@@ -43,7 +40,6 @@ class PredictorSet(Keeper):
         for (stream, component, step), predictor in predictors.items():
             self._steps.setdefault((stream, step), {})[component] = predictor
         self.streams = frozenset(Stream(stream) for stream, _ in self._steps)
-        self.genuine = all(isinstance(predictor, Predictor) for predictor in predictors.values())
         self._groups: dict[tuple[int, int], list[PredictorGroup]] = {}
 
     def __bool__(self) -> bool:
@@ -92,7 +88,7 @@ class PredictedChannel:
         self._inputs: PassInputs | None = None
         self._found: dict[int, I64] = {}
 
-    # An engine may keep values of its own, and a layer's last steps may need none.
+    # A layer's last steps may need none.
     @cached_property
     def _values(self) -> I64:
         return self._given.astype(np.int64)
@@ -113,7 +109,7 @@ class PredictedChannel:
     def parts(self, step: int, chosen: I64) -> Iterator[I64]:
         """The anchors `chosen` pass by pass. Each pass must be coded before the next is asked for."""
         context, self._step = self.context, step
-        around = StepContext(context.cells, step, self.components, context.operations)
+        around = StepContext(context.cells, step, self.components)
         known = np.flatnonzero(self._steps >= step)
         around.add(context.rows(known), self._values[known], self._steps[known])
         for part in context.parts(chosen):
@@ -136,24 +132,9 @@ class PredictedChannel:
         if predictor is None:
             return None
         found = self._evaluated(component, predictor)
-        if self.context.counters is not None and isinstance(predictor, Predictor):
-            self.context.counters.multiply(Part.PREDICTORS, len(found), predictor.multiply_adds)
         if self.context.observer is not None:
             self.context.observer.contexts(self._stream, component, self._step, found)
         return found
-
-    def passes(self, chosen: I64) -> list[I64]:
-        """The anchors `chosen`, pass by pass."""
-        return [part for part in self.context.parts(chosen) if len(part)]
-
-    def count(self, steps: range, anchors: Sequence[int]) -> None:
-        """Count the work of predictors evaluated elsewhere, of so many anchors in each step."""
-        if self.context.counters is None:
-            return
-        for step, received in zip(steps, anchors, strict=True):
-            for predictor in self.predictors.step(self._stream, step).values():
-                if isinstance(predictor, Predictor):
-                    self.context.counters.multiply(Part.PREDICTORS, received, predictor.multiply_adds)
 
     def _evaluated(self, component: int, predictor: Contexts) -> I64:
         assert self._inputs is not None

@@ -16,8 +16,7 @@ from scarfmt.arrays import F32, F64, I64, Ints
 from scarfmt.container.schema import Stream
 from scarfmt.errors import Malformed
 from scarfmt.neural.arithmetic import Linear
-from scarfmt.neural.context import CellMeans, cell_power, count_features
-from scarfmt.neural.context_operations import NUMPY_CONTEXT, ContextOperations, fine
+from scarfmt.neural.context import CellMeans, CellSums, cell_power, count_features, fine
 from scarfmt.scene.model import MAX_CLASSES, SceneModel
 from scarfmt.scene.streams import PREDICTED_STREAMS
 
@@ -158,18 +157,15 @@ class StepContext:
         cells: of the tile-layer; rows below are its rows.
         step: from 1.
         components: of the channel.
-        operations: what computes the context.
     """
 
-    def __init__(
-        self, cells: CellMeans, step: int, components: int, operations: ContextOperations = NUMPY_CONTEXT
-    ) -> None:
-        self._step, self._operations = step, operations
-        self._sums = operations.cell_sums(cells, components)
+    def __init__(self, cells: CellMeans, step: int, components: int) -> None:
+        self._step = step
+        self._sums = CellSums(cells, components)
 
     def add(self, rows: Ints, values: Ints, steps: Ints) -> None:
         """Add anchors that have this step or more: (m,) rows, (m, components) values at (m,) or (1,) steps."""
-        self._sums.add(rows, fine(values, steps, self._operations))
+        self._sums.add(rows, fine(values, steps))
 
     def inputs(self, rows: I64, classes: I64, before: Ints, values: Ints) -> PassInputs:
         """Inputs of the anchors of one pass.
@@ -180,7 +176,7 @@ class StepContext:
             before: (w, a) fine values of the attribute channels before this one, after this layer.
             values: (w, components) this channel's, at the step before; ignored in step 1.
         """
-        own = fine(values, np.array([self._step - 1]), self._operations)
+        own = fine(values, np.array([self._step - 1]))
         return PassInputs(self._step, classes, before, own, *self._sums.around(rows))
 
 

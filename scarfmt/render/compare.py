@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -37,8 +38,9 @@ class Comparison:
 
     @property
     def mean_psnr_db(self) -> float:
-        """Mean over the views of the PSNR in dB, as papers report it."""
-        return float(np.mean(self.psnr_db))
+        """Mean of the PSNR in dB, as papers report it, over the views whose pictures differ; `math.inf` without any."""
+        finite = [decibels for decibels in self.psnr_db if decibels < math.inf]
+        return float(np.mean(finite)) if finite else math.inf
 
     @property
     def p5_psnr_db(self) -> float:

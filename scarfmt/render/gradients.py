@@ -231,9 +231,7 @@ def _to_gaussians(
 @device
 def _product(seen: F64, m: int, n: int, xx: float, xy: float, yy: float) -> float:
     """Axis m of a splat, times a symmetric matrix, times axis n."""
-    product: float = (
-        seen[0, m] * (xx * seen[0, n] + xy * seen[1, n]) + seen[1, m] * (xy * seen[0, n] + yy * seen[1, n])
-    )
+    product: float = seen[0, m] * (xx * seen[0, n] + xy * seen[1, n]) + seen[1, m] * (xy * seen[0, n] + yy * seen[1, n])
     return product
 
 
@@ -279,6 +277,4 @@ def gradients(drawable: Drawable, camera: Camera, target: F32) -> tuple[float, G
     )
     parts = np.split(found, (_OPACITY, _SCALE, _TURN, _PLACE), axis=1)
     colour, logit, log_scale, turn, position = (np.ascontiguousarray(part) for part in parts)
-    return float(errors.sum()), Gradients(
-        index[shown].astype(np.int64), colour, logit[:, 0], log_scale, turn, position
-    )
+    return float(errors.sum()), Gradients(index[shown].astype(np.int64), colour, logit[:, 0], log_scale, turn, position)

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from PIL import Image, ImageDraw, UnidentifiedImageError
 
 from scarfmt.arrays import F32, U8
-from scarfmt.atomic import atomic_write
+from scarfmt.atomic import atomic_write, note_read
 from scarfmt.errors import InvalidInput
 
 _LABEL_HEIGHT = 18
@@ -64,11 +64,16 @@ def opened_image(path: str | Path) -> Iterator[Image.Image]:
         OSError: the file cannot be opened.
     """
     try:
+        if not Path(path).is_file() and Path(path).exists():
+            raise InvalidInput("input-image", f"{path} is not a regular file: give a PNG or JPEG file")
         with Image.open(path) as image:
+            note_read(path)
             if image.mode.startswith(("I", "F")):
                 raise InvalidInput("input-image", f"{path} has more than 8 bits a channel: convert it to 8")
             yield image
-    except (UnidentifiedImageError, Image.DecompressionBombError, SyntaxError) as error:
+    except InvalidInput:  # a ValueError too, as of a name that no file can have
+        raise
+    except (UnidentifiedImageError, Image.DecompressionBombError, SyntaxError, ValueError) as error:
         raise InvalidInput("input-image", f"{path} is not a readable picture: give a PNG or JPEG file") from error
     except OSError as error:
         if error.errno is not None:  # else pillow's own, of what the file holds

@@ -1,14 +1,18 @@
-"""One place for numba's options, so that every kernel is compiled, cached and typed alike."""
+"""One place for numba's options, so that every kernel is compiled and typed alike; and many views, a thread each."""
 
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable, Iterator
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import contextmanager
 from types import FunctionType
 from typing import Any, TypeVar, cast
 
 import numba
+
+from scarfmt.render.camera import Camera
 
 _Function = TypeVar("_Function", bound=Callable[..., Any])
 
@@ -63,3 +67,32 @@ def kernel(function: _Function) -> _Function:
 def device(function: _Function) -> _Function:
     """Compile a single-threaded helper, callable from kernels and from Python."""
     return cast(_Function, numba.njit(cache=True, nogil=True, error_model="numpy")(function))
+
+
+T = TypeVar("T")
+
+_AHEAD = 2
+"""Results a thread may be ahead of who takes them: those of large scenes are large."""
+
+
+def each_view(draw: Callable[[Camera], T], cameras: Iterable[Camera]) -> Iterator[T]:
+    """The result of `draw` for each camera, in order. Numba's threads draw several views at once.
+
+    Args:
+        draw: may be called by several threads at once; what it calls of :mod:`scarfmt.render` runs on one thread each.
+        cameras: the views.
+    """
+
+    def alone(camera: Camera) -> T:
+        with one_thread():
+            return draw(camera)
+
+    threads = numba.get_num_threads()
+    with ThreadPoolExecutor(threads) as pool:
+        waiting: deque[Future[T]] = deque()
+        for camera in cameras:
+            waiting.append(pool.submit(alone, camera))
+            if len(waiting) > _AHEAD * threads:
+                yield waiting.popleft().result()
+        while waiting:
+            yield waiting.popleft().result()

@@ -1,18 +1,20 @@
 """From 3D Gaussians to the ellipses a camera sees: EWA projection, colour and bounds.
 
-Zwicker et al. 2001, "EWA volume splatting", with the constants of INRIA's 3D Gaussian Splatting.
+Zwicker et al. 2001, "EWA volume splatting", with the constants of INRIA's 3D Gaussian Splatting. Scenes that are marked
+antialiased are drawn as Mip-Splatting does (SPEC §5.2); all others as classic ones, two-dimensional ones among them.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numba import prange
 from numpy.typing import NDArray
 
 from scarfmt.arrays import F32, F64
+from scarfmt.container.registries import RenderModel
 from scarfmt.render.camera import Camera
 from scarfmt.render.jit import device, kernel
 from scarfmt.scene.gaussians import GaussianScene
@@ -38,8 +40,8 @@ _BLOCK = 512
 Place = tuple[float, float, float]
 Turn = tuple[float, float, float, float, float, float, float, float, float]
 """The rotation of a pose by rows."""
-Lens = tuple[float, float, float, float, float, float, float, float]
-"""fx, fy, cx, cy, width, height, near, dilation."""
+Lens = tuple[float, float, float, float, float, float, float, float, float]
+"""fx, fy, cx, cy, width, height, near, dilation, and 1 where what is widened is made fainter in return, else 0."""
 
 _C0 = 0.28209479177387814
 _C1 = 0.4886025119029199
@@ -115,7 +117,7 @@ def _ellipse(place: Place, shapes: F64, i: int, turn: Turn, lens: Lens, splats: 
     Arrays are passed whole with a row: a view of a row costs as much as the arithmetic.
     """
     x, y, z = place
-    fx, fy, cx, cy, width, height, _, dilation = lens
+    fx, fy, cx, cy, width, height, _, dilation, antialiased = lens
     t00, t01, t02, t10, t11, t12, t20, t21, t22 = turn
     limit_x, limit_y = FRUSTUM_MARGIN * width / (2.0 * fx), FRUSTUM_MARGIN * height / (2.0 * fy)
     tx = min(limit_x, max(-limit_x, x / z))
@@ -132,19 +134,25 @@ def _ellipse(place: Place, shapes: F64, i: int, turn: Turn, lens: Lens, splats: 
     cov_xx, cov_xy, cov_yy = a0 * a0 + a1 * a1 + a2 * a2, a0 * b0 + a1 * b1 + a2 * b2, b0 * b0 + b1 * b1 + b2 * b2
     # |a x b|^2 is the undilated determinant (Cauchy-Binet), free of the cancellation of xx * yy - xy^2.
     n0, n1, n2 = a1 * b2 - a2 * b1, a2 * b0 - a0 * b2, a0 * b1 - a1 * b0
-    determinant = n0 * n0 + n1 * n1 + n2 * n2 + dilation * (cov_xx + cov_yy) + dilation * dilation
+    undilated = n0 * n0 + n1 * n1 + n2 * n2
+    determinant = undilated + dilation * (cov_xx + cov_yy) + dilation * dilation
     cov_xx += dilation
     cov_yy += dilation
     if not (determinant < np.inf):
         return False
-    mean_x, mean_y, reach = fx * x / z + cx, fy * y / z + cy, shapes[i, _REACH]
+    mean_x, mean_y, opacity, reach = fx * x / z + cx, fy * y / z + cy, shapes[i, _OPACITY], shapes[i, _REACH]
+    if antialiased > 0.0:  # Mip-Splatting (Yu et al. 2024), equation 10
+        opacity *= math.sqrt(undilated / determinant)
+        if not (opacity >= MIN_ALPHA):
+            return False
+        reach = 2.0 * math.log(opacity / MIN_ALPHA)
     half_x, half_y = math.sqrt(reach * cov_xx) + _BOUND_SLACK, math.sqrt(reach * cov_yy) + _BOUND_SLACK
     if not (_touches(mean_x, half_x, width) and _touches(mean_y, half_y, height)):
         return False
     splats[row, MEAN_X], splats[row, MEAN_Y] = mean_x, mean_y
     splats[row, CONIC_A], splats[row, CONIC_C] = cov_yy / determinant, cov_xx / determinant
     splats[row, CONIC_B] = -cov_xy / determinant
-    splats[row, OPACITY] = shapes[i, _OPACITY]
+    splats[row, OPACITY] = opacity
     splats[row, HALF_X], splats[row, HALF_Y] = half_x, half_y
     # Rounding must not drop what the rules keep: they compare alphas.
     splats[row, FAINTEST] = -0.5 * reach - _POWER_SLACK
@@ -201,7 +209,7 @@ def _near_picture(
     positions: F64, bounds: F32, pose: F64, lens: F64, found: NDArray[np.int32], counts: NDArray[np.int64]
 ) -> None:
     """Fill `found`, from the start of each block, with its Gaussians that may touch the picture, and `counts`."""
-    fx, fy, cx, cy, width, height, near, blur = lens
+    fx, fy, cx, cy, width, height, near, blur, _ = lens
     limit_x, limit_y = FRUSTUM_MARGIN * width / (2.0 * fx), FRUSTUM_MARGIN * height / (2.0 * fy)
     for block in prange(len(counts)):
         fill = block * _BLOCK
@@ -252,7 +260,7 @@ def _project(
 ) -> None:
     """Fill `splats` and `depths` (inf where culled); work goes by blocks, so that scratch is allocated per block."""
     count = len(drawn)
-    lenses = lens[0], lens[1], lens[2], lens[3], lens[4], lens[5], lens[6], lens[7]
+    lenses = lens[0], lens[1], lens[2], lens[3], lens[4], lens[5], lens[6], lens[7], lens[8]
     turn = (
         pose[0, 0], pose[0, 1], pose[0, 2], pose[1, 0], pose[1, 1], pose[1, 2], pose[2, 0], pose[2, 1], pose[2, 2]
     )  # fmt: skip
@@ -298,12 +306,13 @@ class Drawable:
         """The projection's input for a scene. An input that is ready is returned as it is."""
         if isinstance(scene, Drawable):
             return scene
-        ready = GaussianScene(
-            np.ascontiguousarray(scene.positions, dtype=np.float64),
-            np.ascontiguousarray(scene.log_scales, dtype=np.float32),
-            np.ascontiguousarray(scene.rotations, dtype=np.float32),
-            np.ascontiguousarray(scene.opacity_logits, dtype=np.float32),
-            np.ascontiguousarray(scene.sh, dtype=np.float32),
+        ready = replace(
+            scene,
+            positions=np.ascontiguousarray(scene.positions, dtype=np.float64),
+            log_scales=np.ascontiguousarray(scene.log_scales, dtype=np.float32),
+            rotations=np.ascontiguousarray(scene.rotations, dtype=np.float32),
+            opacity_logits=np.ascontiguousarray(scene.opacity_logits, dtype=np.float32),
+            sh=np.ascontiguousarray(scene.sh, dtype=np.float32),
         )
         shapes, bounds = np.empty((len(ready), _SHAPE_COLUMNS)), np.empty((len(ready), 2), dtype=np.float32)
         _find_shapes(ready.log_scales, ready.rotations, ready.opacity_logits, shapes, bounds)
@@ -337,10 +346,9 @@ def project(
     drawable = Drawable.of(scene)
     ready = drawable.scene
     degree = ready.sh_degree if sh_degree is None else min(sh_degree, ready.sh_degree)
-    lens = np.array(
-        [camera.fx, camera.fy, camera.cx, camera.cy, camera.width, camera.height, camera.near, camera.dilation],
-        dtype=np.float64,
-    )
+    size = camera.fx, camera.fy, camera.cx, camera.cy, camera.width, camera.height
+    antialiased = ready.description.render_model == RenderModel.ANTIALIASED
+    lens = np.array([*size, camera.near, camera.dilation, antialiased], dtype=np.float64)
     pose = np.ascontiguousarray(camera.world_to_camera, dtype=np.float64)
     drawn = drawable.near_picture(pose, lens)
     splats, depths = np.empty((len(drawn), SPLAT_COLUMNS)), np.empty(len(drawn), dtype=np.float32)

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from scarfmt.arrays import F32, F64
 from scarfmt.errors import InvalidInput
 from scarfmt.render.camera import Camera
-from scarfmt.render.jit import device, kernel
+from scarfmt.render.jit import device, each_view, kernel
 from scarfmt.render.projection import (
     BLUE,
     CONIC_A,
@@ -39,7 +39,6 @@ from scarfmt.render.projection import (
     Drawable,
     project,
 )
-from scarfmt.render.several import each_view
 from scarfmt.scene.gaussians import GaussianScene
 
 TILE = 16
@@ -69,27 +68,6 @@ Hits = tuple[NDArray[np.int32], F64, NDArray[np.int64]]
 Binned = tuple[NDArray[np.int64], NDArray[np.int32]]
 """Splats of a picture by tiles: where those of each tile begin in a list of splat numbers, and that list."""
 _BLACK = (0.0, 0.0, 0.0)
-
-
-@dataclass(frozen=True)
-class Contributions:
-    """The contribution of each of N Gaussians to a set of pictures; w = alpha * transmittance at a pixel.
-
-    Attributes:
-        weight_sum: (N,) float64, sum of w over all pixels of all views.
-        weight_sq: (N,) float64, sum of w^2.
-        weight_max: (N,) float64, largest w, 0..0.99.
-        views: (N,) int32, number of views in which the Gaussian had any weight.
-        contrast_sq: (N,) float64, sum over pixels of w^2 |c - c_behind|^2 (summed over R, G, B), with c_behind
-            the colour composited behind the Gaussian divided by the transmittance there: the square of
-            alpha * d(pixel)/d(alpha), i.e. how much a relative error of alpha is seen.
-    """
-
-    weight_sum: F64
-    weight_sq: F64
-    weight_max: F64
-    views: NDArray[np.int32]
-    contrast_sq: F64
 
 
 @device
@@ -496,7 +474,6 @@ def _measure_tiles(
     tiles: NDArray[np.int64],
     columns: int,
     size: NDArray[np.int64],
-    background: F64,
     measures: F64,
 ) -> None:
     """Fill `measures` (intersections, 4): one row for each splat in each tile, so that no two threads share one."""
@@ -515,8 +492,7 @@ def _measure_tiles(
         seen = _composite_hits(state, near, spans, order, left, top, hits)
         for channel in range(3):
             for pixel in range(PIXELS):
-                colour = state[COLOUR + channel * PIXELS + pixel]
-                state[FINAL + channel * PIXELS + pixel] = colour + state[TRANSMITTANCE + pixel] * background[channel]
+                state[FINAL + channel * PIXELS + pixel] = state[COLOUR + channel * PIXELS + pixel]
         open_tile(state, wide, high)
         measures[first:last] = 0.0
         start, ends = 0, hits[2]
@@ -615,12 +591,19 @@ def _drawn(splats: F64, depths: F32, binned: Binned, camera: Camera, background:
 
 
 @dataclass(frozen=True)
-class ViewContributions:
+class Contributions:
     """The contributions of V Gaussians to one picture; all other Gaussians contribute nothing.
+
+    The weight of a Gaussian at a pixel is w = alpha * transmittance.
 
     Attributes:
         index: (V,) int64 rising, which Gaussians.
-        weight_sum, weight_sq, weight_max, contrast_sq: (V,) float64 as in :class:`Contributions`.
+        weight_sum: (V,) float64, sum of w over all pixels.
+        weight_sq: (V,) float64, sum of w^2.
+        weight_max: (V,) float64, largest w, 0..0.99.
+        contrast_sq: (V,) float64, sum over pixels of w^2 |c - c_behind|^2 (summed over R, G, B), with c_behind
+            the colour composited behind the Gaussian divided by the transmittance there: the square of
+            alpha * d(pixel)/d(alpha), i.e. how much a relative error of alpha is seen.
     """
 
     index: NDArray[np.int64]
@@ -633,57 +616,31 @@ class ViewContributions:
 def contributions_by_view(
     scene: GaussianScene | Drawable,
     cameras: Iterable[Camera],
-    background: Sequence[float] = _BLACK,
-    sh_degree: int | None = None,
     colours: NDArray[np.floating] | None = None,
-) -> Iterator[ViewContributions]:
-    """The contributions of :func:`contributions` for each view on its own.
+) -> Iterator[Contributions]:
+    """How much each Gaussian shows in the picture from each of `cameras`, and how sensitive that is to it.
+
+    Args:
+        scene: the N Gaussians.
+        cameras: the views; what is behind the scene is black.
+        colours: as for :func:`render`.
 
     Raises:
         InvalidInput: `colours` has the wrong shape.
     """
     drawable = Drawable.of(scene)
     fixed = _check(drawable.scene, colours)
-    behind = np.asarray(background, dtype=np.float64)
 
-    def contributed(camera: Camera) -> ViewContributions:
+    def contributed(camera: Camera) -> Contributions:
         columns, rows = -(-camera.width // TILE), -(-camera.height // TILE)
         size = np.array([camera.width, camera.height], dtype=np.int64)
-        splats, depths, index = project(drawable, camera, sh_degree, fixed)
+        splats, depths, index = project(drawable, camera, colours=fixed)
         offsets, members = bin_splats(splats, depths, columns, rows)
         measures = np.empty((len(members), 4))
-        _measure_tiles(splats, depths, offsets, members, spread(columns * rows), columns, size, behind, measures)
+        _measure_tiles(splats, depths, offsets, members, spread(columns * rows), columns, size, measures)
         sums = _gather(measures, members, len(splats))
         seen = np.flatnonzero(sums[:, 3] > 0)
         weight_sum, weight_sq, contrast_sq, weight_max = sums[seen].T
-        return ViewContributions(index[seen].astype(np.int64), weight_sum, weight_sq, weight_max, contrast_sq)
+        return Contributions(index[seen].astype(np.int64), weight_sum, weight_sq, weight_max, contrast_sq)
 
     yield from each_view(contributed, cameras)
-
-
-def contributions(
-    scene: GaussianScene | Drawable,
-    cameras: Iterable[Camera],
-    background: Sequence[float] = _BLACK,
-    sh_degree: int | None = None,
-    colours: NDArray[np.floating] | None = None,
-) -> Contributions:
-    """How much each Gaussian shows in the pictures from `cameras`, and how sensitive they are to it.
-
-    Args:
-        scene: the N Gaussians.
-        cameras: the views to sum over.
-        background, sh_degree, colours: as for :func:`render`.
-
-    Raises:
-        InvalidInput: `colours` has the wrong shape.
-    """
-    drawable = Drawable.of(scene)
-    totals, views = np.zeros((3, len(drawable.scene))), np.zeros(len(drawable.scene), dtype=np.int32)
-    weight_max = np.zeros(len(drawable.scene))
-    for seen in contributions_by_view(drawable, cameras, background, sh_degree, colours):
-        for total, added in zip(totals, (seen.weight_sum, seen.weight_sq, seen.contrast_sq), strict=True):
-            total[seen.index] += added
-        weight_max[seen.index] = np.maximum(weight_max[seen.index], seen.weight_max)
-        views[seen.index] += 1
-    return Contributions(totals[0], totals[1], weight_max, views, totals[2])

@@ -7,14 +7,18 @@ shape (N, (degree+1)^2, 3), coefficient-major, INRIA's sign and order.
 
 from __future__ import annotations
 
+import importlib
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from scarfmt.arrays import F32, F64
-from scarfmt.errors import InvalidInput
+from scarfmt.errors import InvalidInput, plural
+from scarfmt.scene.description import NOTHING_SAID, Description
 
 
 @dataclass(frozen=True)
@@ -27,6 +31,7 @@ class GaussianScene:
         rotations: (N, 4) float32, quaternion w, x, y, z; need not be normalised.
         opacity_logits: (N,) float32; opacity = 1 / (1 + exp(-logit)).
         sh: (N, (degree+1)^2, 3) float32, degree 0..3; colour = 0.5 + sum of sh * basis.
+        description: what holds for all of them.
     """
 
     positions: F64
@@ -34,6 +39,7 @@ class GaussianScene:
     rotations: F32
     opacity_logits: F32
     sh: F32
+    description: Description = field(default=NOTHING_SAID, kw_only=True)
 
     def __post_init__(self) -> None:
         n = len(self.positions)
@@ -56,6 +62,18 @@ class GaussianScene:
     def __len__(self) -> int:
         return len(self.positions)
 
+    def __repr__(self) -> str:
+        return f"<GaussianScene: {plural(len(self), 'Gaussian')}, SH degree {self.sh_degree}>"
+
+    def _repr_png_(self) -> bytes | None:
+        """A picture for notebooks; None, and so the text, where the extra ``render`` is not installed."""
+        try:
+            notebook = importlib.import_module("scarfmt.render.notebook")  # by name: drawing lies above this module
+        except ModuleNotFoundError:
+            return None
+        picture: bytes | None = notebook.picture(self)
+        return picture
+
     @property
     def sh_degree(self) -> int:
         """Degree of the spherical harmonics, 0..3."""
@@ -63,23 +81,19 @@ class GaussianScene:
 
     def take(self, index: NDArray[np.generic]) -> GaussianScene:
         """The Gaussians at `index` (integer or boolean, as numpy indexing), in that order."""
-        return GaussianScene(
-            self.positions[index],
-            self.log_scales[index],
-            self.rotations[index],
-            self.opacity_logits[index],
-            self.sh[index],
-        )
+        return replace(self, **{name: values[index] for name, values in self.arrays().items()})
 
     def rows(self, part: slice) -> GaussianScene:
         """Some consecutive Gaussians, as views: what is written there is written here."""
-        return GaussianScene(
-            self.positions[part], self.log_scales[part], self.rotations[part], self.opacity_logits[part], self.sh[part]
-        )
+        return replace(self, **{name: values[part] for name, values in self.arrays().items()})
+
+    def arrays(self) -> dict[str, Any]:
+        """The arrays by name, a row for each Gaussian."""
+        return {name: values for name, values in vars(self).items() if name != "description"}
 
     def assign(self, other: GaussianScene) -> None:
         """Take the numbers of another scene of as many Gaussians and the same degree."""
-        for name, array in vars(self).items():
+        for name, array in self.arrays().items():
             array[...] = getattr(other, name)
 
     def with_sh_degree(self, degree: int) -> GaussianScene:
@@ -131,7 +145,34 @@ class AnchorModel:
     def __len__(self) -> int:
         return len(self.anchors)
 
+    def __repr__(self) -> str:
+        return f"<AnchorModel: {plural(len(self), 'anchor')} of {plural(self.slots, 'Gaussian')}>"
+
     @property
     def slots(self) -> int:
         """K, Gaussian slots per anchor."""
         return int(self.offsets.shape[1])
+
+
+def concatenate(parts: Sequence[GaussianScene], sh_degree: int = 0) -> GaussianScene:
+    """One scene of all Gaussians, of the highest degree of `parts` and `sh_degree`; degrees a part lacks are zeros.
+
+    The description is that of the first part.
+    """
+    if not parts:
+        empty = (np.zeros((0, *shape), np.float32) for shape in ((3,), (4,), (), ((sh_degree + 1) ** 2, 3)))
+        return GaussianScene(np.zeros((0, 3)), *empty)
+    coefficients = max((sh_degree + 1) ** 2, *(part.sh.shape[1] for part in parts))
+    return GaussianScene(
+        np.concatenate([part.positions for part in parts]),
+        np.concatenate([part.log_scales for part in parts]),
+        np.concatenate([part.rotations for part in parts]),
+        np.concatenate([part.opacity_logits for part in parts]),
+        np.concatenate([pad_harmonics(part.sh, coefficients) for part in parts]),
+        description=parts[0].description,
+    )
+
+
+def pad_harmonics(sh: F32, coefficients: int) -> F32:
+    """(N, coefficients, 3) spherical harmonics: zeros above their degree."""
+    return np.pad(sh, ((0, 0), (0, coefficients - sh.shape[1]), (0, 0)))

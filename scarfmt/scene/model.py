@@ -10,8 +10,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from scarfmt.arrays import I64
 from scarfmt.container.schema import Profile, Stream
@@ -25,7 +27,6 @@ MAX_STAGES = 8
 MAX_STEPS = 20
 """3^19 ternary cells span more than 2^30: enough to refine any binary32 channel."""
 
-NO_SOURCE = 255
 
 MAX_PASSES_LOG2 = 3
 MAX_DEPTHS = 4
@@ -36,25 +37,6 @@ MAX_FIRST_WIDTH = 2.0**96
 
 
 @dataclass(frozen=True)
-class ContextRule:
-    """The choice of the table that codes the symbols of a component (SPEC §8.4).
-
-    Attributes:
-        by_class: whether the anchor's class takes part.
-        source_channel: index of the channel whose first-step value takes part, or `NO_SOURCE`.
-        source_component: its component.
-        low: first source value with a context of its own; smaller ones share it.
-        shift: source values are shifted right by this many bits (after subtracting `low`).
-    """
-
-    by_class: bool = True
-    source_channel: int = NO_SOURCE
-    source_component: int = 0
-    low: int = 0
-    shift: int = 0
-
-
-@dataclass(frozen=True)
 class Channel:
     """A quantised attribute (SPEC §6.4): value = v * first_width / 3^(n - 1) after n ternary steps.
 
@@ -62,17 +44,15 @@ class Channel:
         stream: the sub-stream that carries it, one of `streams.CHANNEL_STREAMS`.
         first_width: one a component: width of the cells of the first step, in units of the attribute; above 0, at
             most 2^96.
-        rules: one context rule a component; their number is the number of components.
     """
 
     stream: Stream
     first_width: tuple[float, ...]
-    rules: tuple[ContextRule, ...]
 
     @property
     def components(self) -> int:
         """Number of components."""
-        return len(self.rules)
+        return len(self.first_width)
 
     @property
     def per_slot(self) -> bool:
@@ -140,6 +120,10 @@ class DecodedContext:
         if not (sane and falls and all(1 <= target <= MAX_OCCUPANCY for target in targets)):
             message = f"{self.passes_log2} and {targets} are no passes and occupancies (SPEC §10.2)"
             raise Malformed("bad-context", message, field="context")
+
+
+Opening = tuple[tuple[Channel, ...], DecodedContext]
+"""The fields that only the LAYER block of layer 1 has."""
 
 
 @dataclass(frozen=True)
@@ -253,11 +237,11 @@ def _padded(rows: object) -> I64:
 
 
 def check_channels(channels: tuple[Channel, ...], profile: Profile) -> None:
-    """Check the channel table (SPEC §6.4, §8.4).
+    """Check the channel table (SPEC §6.4).
 
     Raises:
         Malformed: ``bad-channel`` for streams that do not ascend or that the profile does not have, a wrong number
-            of components, a first width out of range, or a context source that is not coded earlier.
+            of components, or a first width out of range.
     """
     streams = [channel.stream for channel in channels]
     sizes = components(profile)
@@ -265,29 +249,12 @@ def check_channels(channels: tuple[Channel, ...], profile: Profile) -> None:
         raise _bad_channel(f"channels {streams} must ascend and belong to the profile (SPEC §6.4)")
     if not needed(profile) <= set(streams):
         raise _bad_channel("a scene needs scales, and in the anchor profile offsets (SPEC §6.4)")
-    for index, channel in enumerate(channels):
+    for channel in channels:
         name, expected = channel.stream.name, sizes[channel.stream]
         if not 1 <= channel.components <= MAX_COMPONENTS or expected not in (None, channel.components):
             raise _bad_channel(f"{name} has {channel.components} components, not {expected or '1..64'} (SPEC §6.4)")
-        widths = channel.first_width
-        if len(widths) != channel.components or not all(0 < width <= MAX_FIRST_WIDTH for width in widths):
+        if not all(0 < width <= MAX_FIRST_WIDTH for width in channel.first_width):
             raise _bad_channel(f"{name}: first widths must be above 0 and at most 2^96 (SPEC §6.4)")
-        for component, rule in enumerate(channel.rules):
-            _check_rule(rule, channels, (index, component))
-
-
-def _check_rule(rule: ContextRule, channels: tuple[Channel, ...], place: tuple[int, int]) -> None:
-    """Check the context rule of the component at `place`, (channel, component) (SPEC §8.4)."""
-    if rule.source_channel == NO_SOURCE:
-        if (rule.source_component, rule.low, rule.shift) != (0, 0, 0):
-            raise _bad_channel("without a context source, its component, low and shift must be 0 (SPEC §8.4)")
-        return
-    earlier = (rule.source_channel, rule.source_component) < place
-    if not earlier or rule.source_component >= channels[rule.source_channel].components or rule.shift > 31:
-        raise _bad_channel("a context source must be coded earlier (SPEC §8.4)")
-    # Nothing comes after OFFSETS, so it can be the source of nothing but itself.
-    if channels[place[0]].per_slot:
-        raise _bad_channel("offsets take no context source (SPEC §8.4)")
 
 
 def _bad_channel(message: str) -> Malformed:
@@ -313,3 +280,48 @@ def check_row(row: LayerRow, before: LayerRow | None, channels: int) -> None:
 
 def _bad_table(message: str) -> Malformed:
     return Malformed("bad-layer-table", f"{message} (SPEC §6.5)", field="layer")
+
+
+MAX_CODEWORDS = 4096
+MAX_LATENT = 64
+
+
+@dataclass(frozen=True)
+class Codebooks:
+    """The two codebooks; an empty one has shape (0, d).
+
+    Attributes:
+        coarse: (n1, d) int64 codewords of stage 1.
+        residual: (n2, d) int64 codewords of later stages.
+    """
+
+    coarse: I64
+    residual: I64
+
+    @property
+    def dimension(self) -> int:
+        """d, latent dimensions."""
+        return int(self.coarse.shape[1])
+
+    @property
+    def sizes(self) -> tuple[int, int]:
+        """Codewords in each book."""
+        return len(self.coarse), len(self.residual)
+
+    def latents(self, indices: NDArray[np.integer[Any]], stages: I64, columns: int | None = None) -> I64:
+        """(n, d) int64 sums of the codewords of each anchor's first `stages` indices (SPEC §9.2).
+
+        Args:
+            indices: (n, M) int64.
+            stages: (n,) int64 stages received, 0..M.
+            columns: how many leading dimensions are wanted, None for all.
+        """
+        z = np.zeros((len(indices), self.dimension if columns is None else columns), np.int64)
+        for stage in range(indices.shape[1]):
+            chosen = np.flatnonzero(stages > stage)
+            book = (self.residual if stage else self.coarse)[:, : z.shape[1]]
+            if len(chosen) == len(z):
+                z += book.take(indices[:, stage], axis=0)
+            elif len(chosen):
+                z[chosen] += book.take(indices[chosen, stage], axis=0)
+        return z

@@ -1,18 +1,71 @@
-"""Turning, scaling and moving Gaussians as a whole (SPEC §17, R-17-6 and R-17-11)."""
+"""Gaussians turned, scaled and moved; and spherical harmonics (SPEC §9.4): what they are in a direction, and turned."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 
 from scarfmt.arrays import F32, F64
 from scarfmt.scene.gaussians import GaussianScene
-from scarfmt.scene.harmonics import turned
 from scarfmt.scene.rotation import quaternion_from_matrix
+
+_DIRECTIONS = 16
+"""Directions that functions of one degree are compared in; 7 would determine those of degree 3."""
+
+
+def sh_basis(directions: F64, degree: int) -> F64:
+    """(..., (degree + 1)^2) float64 real spherical harmonics of unit (..., 3) directions, INRIA's sign and order."""
+    x, y, z = np.moveaxis(directions, -1, 0)
+    out = [np.full(x.shape, 0.28209479177387814)]
+    if degree >= 1:
+        out += [-0.4886025119029199 * y, 0.4886025119029199 * z, -0.4886025119029199 * x]
+    if degree >= 2:
+        out += [
+            1.0925484305920792 * x * y,
+            -1.0925484305920792 * y * z,
+            0.31539156525252005 * (2 * z * z - x * x - y * y),
+            -1.0925484305920792 * x * z,
+            0.5462742152960396 * (x * x - y * y),
+        ]
+    if degree >= 3:
+        out += [
+            -0.5900435899266435 * y * (3 * x * x - y * y),
+            2.890611442640554 * x * y * z,
+            -0.4570457994644658 * y * (4 * z * z - x * x - y * y),
+            0.3731763325901154 * z * (2 * z * z - 3 * x * x - 3 * y * y),
+            -0.4570457994644658 * x * (4 * z * z - x * x - y * y),
+            1.445305721320277 * z * (x * x - y * y),
+            -0.5900435899266435 * x * (x * x - 3 * y * y),
+        ]
+    return np.stack(out, axis=-1)
+
+
+def turned(rotation: F64, degree: int) -> F64:
+    """(2 * degree + 1, 2 * degree + 1) float64: what takes the coefficients of one degree with a rotation.
+
+    Functions of a degree, turned, are functions of that degree: their values in enough directions say which.
+
+    Args:
+        rotation: (3, 3); what was seen towards d is seen towards rotation @ d.
+        degree: 0..3.
+    """
+    directions = _sphere(_DIRECTIONS)
+    band = slice(degree**2, (degree + 1) ** 2)
+    here, there = sh_basis(directions, degree)[:, band], sh_basis(directions @ rotation, degree)[:, band]
+    return np.asarray(np.linalg.lstsq(here, there, rcond=None)[0])
+
+
+def _sphere(count: int) -> F64:
+    """(count, 3) unit vectors, spread over the sphere along a spiral."""
+    height = 1 - (2 * np.arange(count) + 1) / count
+    around = np.arange(count) * (math.pi * (3 - math.sqrt(5)))
+    radius = np.sqrt(1 - height * height)
+    return np.stack([radius * np.cos(around), radius * np.sin(around), height], axis=1)
+
 
 MOST = 2.0**60
 """Numbers of a transform are below it, and its scale is at most it and at least 1 / MOST."""
@@ -41,7 +94,7 @@ class Placement:
         """The placement that a 4 x 4 matrix is, given by rows.
 
         Raises:
-            ValueError: it is none, with the reason (R-17-6).
+            ValueError: it is none, with the reason.
         """
         matrix = np.array(rows, np.float64)
         if not bool((np.abs(matrix) < MOST).all()):
@@ -63,37 +116,17 @@ class Placement:
         """(..., 3) points placed."""
         return _times(self.linear, points) + self.translation
 
-    def points_back(self, points: F64) -> F64:
-        """(..., 3) points in the coordinates of what is placed."""
-        return _times(self._inverse, points - self.translation)
-
-    def directions_back(self, directions: F64) -> F64:
-        """(..., 3) directions, of the same lengths, in the coordinates of what is placed."""
-        return _times(self.rotation.T, directions)
-
-    def box(self, low: F64, high: F64) -> tuple[F64, F64]:
-        """The corners (3,) of the box along the axes round a placed box."""
-        corners = self.points(_corners(low, high))
-        return corners.min(axis=0), corners.max(axis=0)
-
-    def box_back(self, low: F64, high: F64) -> tuple[F64, F64]:
-        """The corners (3,) of a box that holds all that comes to lie in a box, in the coordinates of what is placed."""
-        corners = self.points_back(_corners(low, high))
-        # Rounding must not leave out what lies on a side.
-        slack = 1e-12 * (np.abs(corners).max() + float(np.linalg.norm(self.translation)) / self.scale)
-        return corners.min(axis=0) - slack, corners.max(axis=0) + slack
-
     def scene(self, scene: GaussianScene) -> GaussianScene:
         """The Gaussians placed: sizes, orientations and view-dependent colours go with them."""
         grown = (scene.log_scales + np.float32(math.log(self.scale))).astype(np.float32)
         rotations = _product(self._quaternion, scene.rotations)
-        return GaussianScene(
-            self.points(scene.positions), grown, rotations, scene.opacity_logits, self._harmonics(scene.sh)
+        return replace(
+            scene,
+            positions=self.points(scene.positions),
+            log_scales=grown,
+            rotations=rotations,
+            sh=self._harmonics(scene.sh),
         )
-
-    @cached_property
-    def _inverse(self) -> F64:
-        return np.asarray(np.linalg.inv(self.linear), np.float64)
 
     @cached_property
     def _quaternion(self) -> F64:
@@ -117,11 +150,6 @@ def _times(matrix: F64, points: F64) -> F64:
     x, y, z = (points[..., axis, None] for axis in range(3))
     with np.errstate(over="ignore", invalid="ignore"):  # coordinates may be any finite numbers
         return np.asarray(x * matrix[:, 0] + y * matrix[:, 1] + z * matrix[:, 2])
-
-
-def _corners(low: F64, high: F64) -> F64:
-    """(8, 3) corners of a box."""
-    return np.array([[x, y, z] for x in (low[0], high[0]) for y in (low[1], high[1]) for z in (low[2], high[2])])
 
 
 def _product(first: F64, quaternions: F32) -> F32:

@@ -1,6 +1,6 @@
 """The stream kinds: for each its codec, profiles and number of components (SPEC §6.4, §7, §16.6).
 
-Adding a stream starts here; `docs/changing-the-format.md` says what follows.
+Adding a stream starts here; `docs/under-the-hood.md` says what follows.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
-"""Other annotations for a file, without coding it again (SPEC §7.10, §7.13).
+"""Other metadata for a file, without coding it again (SPEC §7.10).
 
-The result is byte for byte what the writer makes of the same scene with these annotations: ROOT, summaries and
+The result is byte for byte what the writer makes of the same scene with this metadata: ROOT, summaries and
 checksums are recomputed, the bytes of all other blocks copied.
 """
 
@@ -12,7 +12,6 @@ from typing import Any
 import numpy as np
 
 from scarfmt.blocks.metadata import pack_metadata
-from scarfmt.blocks.streaming import Streaming, pack_streaming
 from scarfmt.container.directory import sort_keys
 from scarfmt.container.file import Block, Container, directory_row, encode_front
 from scarfmt.container.schema import ENTRY_DTYPE, NO_TILE, BlockKind, Stream
@@ -31,24 +30,7 @@ def annotated(data: bytes, metadata: Mapping[str, Any]) -> bytes:
         InvalidInput: ``input-options`` when JSON cannot hold them or a reader would refuse them.
         Malformed, Truncated, Unsupported, LimitExceeded: the file is refused (SPEC §12).
     """
-    return _with_block(data, Block(BlockKind.METADATA, 1, pack_metadata(metadata)))
-
-
-def with_streaming(data: bytes, streaming: Streaming) -> bytes:
-    """The file `data` with `streaming` as its STREAMING block, in place of an earlier one.
-
-    Args:
-        data: a whole file.
-        streaming: of as many tiles as the file has, and at least as many layers.
-
-    Raises:
-        Malformed, Truncated, Unsupported, LimitExceeded: the file is refused (SPEC §12).
-    """
-    return _with_block(data, Block(BlockKind.STREAMING, 1, pack_streaming(streaming), count=len(streaming.viewpoints)))
-
-
-def _with_block(data: bytes, made: Block) -> bytes:
-    """The file with a block of layer 1 and no tile in place of that of its kind, if it has one."""
+    made = Block(BlockKind.METADATA, 1, pack_metadata(metadata))
     container = Container.open(BytesSource(data), limits=FORMAT_LIMITS)
     block, header, rows = made.payload, container.header, container.directory
     key = np.uint64(1 << 40 | made.kind << 32 | NO_TILE)

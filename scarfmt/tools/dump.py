@@ -7,23 +7,21 @@ decoded: whether those are sound is a question for :func:`scarfmt.tools.validate
 from __future__ import annotations
 
 import zlib
-from collections.abc import Callable, Collection, Iterator
+from collections.abc import Collection, Iterator
 from dataclasses import replace
 from enum import IntEnum
 from functools import partial
 from typing import Any
 
-import numpy as np
-
-from scarfmt.blocks.declare import read
+from scarfmt.blocks.declare import Record, read
 from scarfmt.blocks.registry import BLOCKS
 from scarfmt.blocks.spec import BlockSpec, Reading
 from scarfmt.coding.models import NOTHING_OPENED
 from scarfmt.coding.work import Contents
-from scarfmt.container.bytefields import decompress
-from scarfmt.container.directory import block_name
-from scarfmt.container.file import Container, Entry, Header, check_crc, read_header
-from scarfmt.container.registries import BlockKind, ColourSpace, CoordinateFrame, Profile, Stream
+from scarfmt.container.bytefields import decompress, frame_fields
+from scarfmt.container.directory import block_name, total
+from scarfmt.container.file import Container, Entry, check_crc, read_header
+from scarfmt.container.registries import BlockKind, ColourSpace, CoordinateFrame, Profile, RenderModel, Stream
 from scarfmt.container.schema import (
     FILE_HEADER,
     FILE_HEADER_SIZE,
@@ -34,17 +32,16 @@ from scarfmt.container.schema import (
 )
 from scarfmt.container.source import ByteSource, BytesSource
 from scarfmt.container.substreams import RECORD_SIZE, check_substream, unpack_table
-from scarfmt.container.table_rules import Table, total
-from scarfmt.container.zstd_frame import frame_fields
 from scarfmt.errors import ScarError
 from scarfmt.limits import DEFAULT_LIMITS, Limits
-from scarfmt.tools.directory_fields import root_rows, row_page_rows, tile_page_rows
+from scarfmt.tools.directory_fields import ROOT, ROW_PAGE, TILE_PAGE
 from scarfmt.tools.fields import SHOWN_ITEMS, FieldRows, Row, moved, rest, shown
 
 _NAMED: dict[str, type[IntEnum]] = {
     "profile": Profile,
     "coordinate_frame": CoordinateFrame,
     "colour_space": ColourSpace,
+    "render_model": RenderModel,
     "stream": Stream,
 }
 """Fields of the container whose numbers have names."""
@@ -137,28 +134,29 @@ class Dump:
     def _directory(self, container: Container) -> Iterator[Row]:
         """ROOT and pages; of many pages the first few, unless all are wanted."""
         header, root = container.header, container.root
-        start = header.header_length
-        yield from moved(root_rows(self._source.read(start, header.root_length), header, self._full), start)
-        yield from self._pages(root.pages, "tile_bytes", "tile pages", partial(self._tile_page, header))
-        yield from self._pages(root.rows, "row_bytes", "row pages", partial(self._row_page, header))
+        sizes = {"layer_count": header.layer_count, "page_count": header.page_count}
+        yield from self._declared(ROOT, header.header_length, header.root_length, "root", "5.4", **sizes)
+        for table, size, kind, record in (
+            (root.pages, "tile_bytes", "tile page", TILE_PAGE),
+            (root.rows, "row_bytes", "row page", ROW_PAGE),
+        ):
+            each = len(table) if self._full else min(len(table), SHOWN_ITEMS)
+            for number, page in enumerate(table[:each]):
+                layer, number = ("", number) if kind == "tile page" else (f"layer {page['layer']} ", int(page["page"]))
+                tiles = len(header.page_range(number))
+                place = int(page["offset"]), int(page[size])
+                yield from self._declared(record, *place, f"{layer}{kind} {number}", "5.5", tiles=tiles)
+            if each < len(table):
+                left = table[each:]
+                yield Row(int(left["offset"][0]), total(left[size]), f"{kind}s: {len(left)} more", "", "5.5")
 
-    def _tile_page(self, header: Header, page: int, _said: np.void, data: bytes) -> Iterator[Row]:
-        return tile_page_rows(data, page, header, self._full)
-
-    def _row_page(self, header: Header, _number: int, said: np.void, data: bytes) -> Iterator[Row]:
-        return row_page_rows(data, int(said["layer"]), int(said["page"]), header, self._full)
-
-    def _pages(
-        self, pages: Table, size: str, name: str, rows_of: Callable[[int, np.void, bytes], Iterator[Row]]
+    def _declared(
+        self, record: Record, offset: int, length: int, name: str, section: str, **parameters: int
     ) -> Iterator[Row]:
-        """The rows of pages that follow one another, and lie where ROOT says."""
-        each = len(pages) if self._full else min(len(pages), SHOWN_ITEMS)
-        for number, said in enumerate(pages[:each]):
-            data = self._source.read(int(said["offset"]), int(said[size]))
-            yield from moved(rows_of(number, said, data), int(said["offset"]))
-        if each < len(pages):
-            left = pages[each:]
-            yield Row(int(left["offset"][0]), total(left[size]), f"{name}: {len(left)} more", "", "5.5")
+        """The fields of some bytes of the file that are known to be sound."""
+        trace = FieldRows(name, section, self._full)
+        read(record, self._source.read(offset, length), name, trace, **parameters)
+        return moved(trace.rows, offset)
 
     def _blocks(self, container: Container) -> Iterator[Row]:
         contents = Contents(container.header.file_length, self._limits)
@@ -208,7 +206,7 @@ class Dump:
             rows = self._tile(entry, payload, name)
         elif spec is None:
             rows = iter([Row(0, len(payload), name, shown(payload, self._full), "5.6")])
-        elif spec.frame is not None:
+        elif spec.content_limit:
             rows = self._frame(entry, payload, spec, contents)
         else:
             rows = self._fields(entry, payload, spec, payload)
@@ -221,13 +219,12 @@ class Dump:
             for part, start, past, value in frame_fields(payload)
         ]
         yield from rest(found, len(payload), name, "5.8")
-        frame, content = spec.frame, b""
-        assert frame is not None
+        content = b""
 
         def unfold() -> None:
             nonlocal content
-            inflate = contents.decompress if frame.counted else decompress
-            content = inflate(payload, frame.limit, frame.field)
+            inflate = contents.decompress if spec.counted else decompress
+            content = inflate(payload, spec.content_limit, spec.field)
 
         if self._attempt(entry, unfold):
             rows = self._fields(entry, content, spec, payload)

@@ -6,14 +6,16 @@ One read of at most 2280 bytes answers, whatever the file's size; only METADATA 
 from __future__ import annotations
 
 import json
+import warnings
 from typing import Any
 
-from scarfmt.blocks.metadata import parse_metadata
+from scarfmt.blocks.metadata import check_registered, parse_metadata
 from scarfmt.container.file import Container, Header
 from scarfmt.container.schema import VERSION, BlockKind, Profile, Stream
 from scarfmt.container.source import ByteSource
-from scarfmt.errors import LimitExceeded
+from scarfmt.errors import InputWarning, LimitExceeded, Malformed, plural, printable
 from scarfmt.limits import DEFAULT_LIMITS, Limits
+from scarfmt.scene.description import Description
 
 _UNITS = {Profile.EXPLICIT: "Gaussian", Profile.ANCHOR: "anchor"}
 
@@ -23,7 +25,8 @@ def inspect(source: ByteSource, *, metadata: bool = False, limits: Limits = DEFA
 
     Args:
         source: the file.
-        metadata: also read the METADATA block, as key ``metadata``; None where there is none or it is cut off.
+        metadata: also read the METADATA block, as key ``metadata``; None where there is none or it is cut off. And say
+            how large the THUMBNAIL block is, as key ``thumbnail_bytes``.
         limits: what this reader accepts.
 
     Returns:
@@ -60,10 +63,13 @@ def inspect(source: ByteSource, *, metadata: bool = False, limits: Limits = DEFA
         "voxel": header.fields.voxel,
         "coordinate_frame": header.fields.coordinate_frame.name.lower(),
         "colour_space": header.fields.colour_space.name.lower(),
+        "render_model": header.fields.render_model.name.lower(),
         "layers": _layers(header),
     }
     if metadata:
         report["metadata"] = read_metadata(container)
+        thumbnail = container.find(BlockKind.THUMBNAIL, 1)
+        report["thumbnail_bytes"] = thumbnail.length if thumbnail else 0
     return report
 
 
@@ -108,18 +114,30 @@ def read_metadata(container: Container) -> dict[str, Any] | None:
     return parse_metadata(container.read_block(entry), entry.offset)
 
 
+def describe(container: Container) -> Description:
+    """What the header and METADATA say about the scene; of METADATA that cannot be used, nothing.
+
+    Warns:
+        InputWarning: METADATA breaks its rules.
+    """
+    said = Description.of_header(container.header.fields)
+    try:
+        metadata = read_metadata(container) or {}
+        check_registered(metadata)
+    except (Malformed, LimitExceeded) as error:
+        warnings.warn(f"the up axis and coordinate reference are unknown: {error}", InputWarning, stacklevel=2)
+        return said
+    return said.with_metadata(metadata)
+
+
 def format_text(report: dict[str, Any]) -> str:
     """The description made by :func:`inspect` as a table for people, ending in a line break."""
     lines = [f"{name:<17} {value}" for name, value in _facts(report)]
     lines += ["", *columns(_layer_table(report))]
     if report.get("metadata") is not None:
-        lines += ["", "metadata", _shown(json.dumps(report["metadata"], indent=2, ensure_ascii=False))]
+        text = json.dumps(report["metadata"], indent=2, ensure_ascii=False)
+        lines += ["", "metadata", *(printable(line, len(line)) for line in text.split("\n"))]
     return "\n".join(lines) + "\n"
-
-
-def _shown(text: str) -> str:
-    """JSON text without characters that a terminal acts on: those that do not print are escaped."""
-    return "".join(c if c.isprintable() or c == "\n" else json.dumps(c)[1:-1] for c in text)
 
 
 def _facts(report: dict[str, Any]) -> list[tuple[str, str]]:
@@ -138,14 +156,17 @@ def _facts(report: dict[str, Any]) -> list[tuple[str, str]]:
         ("lattice", f"{report['lattice_bits']} bits per axis, step {report['voxel']:.6g}"),
         ("coordinate frame", report["coordinate_frame"]),
         ("colour space", report["colour_space"]),
+        ("render model", report["render_model"]),
         (
             "structure",
-            f"{report['tiles']:,} tiles in {report['pages']:,} pages, {report['front_bytes']:,} bytes in front,"
-            f" {report['root_bytes']:,} of them ROOT",
+            f"{plural(report['tiles'], 'tile')} in {plural(report['pages'], 'page')},"
+            f" {report['front_bytes']:,} bytes in front, {report['root_bytes']:,} of them ROOT",
         ),
     ]
+    if report.get("thumbnail_bytes"):
+        facts.append(("thumbnail", f"{report['thumbnail_bytes']:,} bytes"))
     if not report["complete"]:
-        missing = f"{report['bytes_present']:,} bytes arrived, {report['layers_available']} whole layers"
+        missing = f"{report['bytes_present']:,} bytes arrived, {plural(report['layers_available'], 'whole layer')}"
         facts.append(("cut short", missing))
     return facts
 

@@ -22,6 +22,7 @@ from scarfmt.errors import InvalidInput
 from scarfmt.limits import DEFAULT_LIMITS, MAX_TILE_DEPTH, Limits
 from scarfmt.tools.assemble import Plan, entry_of, ordered, pieces
 
+_BOXES = ("low", "high", "reach")
 _SUMMARY = ("kind", "flags", "layer", "length", "count", "crc32")
 
 
@@ -29,8 +30,7 @@ def merge_to(sources: Sequence[ByteSource], target: BinaryIO, *, limits: Limits 
     """Write the file of all tiles of some files, in pieces of at most 1 MiB.
 
     Blocks are verified while they are copied, so `target` holds an unfinished file when an error is raised. What
-    annotations say is kept where all files say the same; what clients are told of tiles (SPEC §7.13) is joined, where
-    all are told of it from the same viewpoints.
+    annotations say is kept where all files say the same; STREAMING boxes of tiles are joined where all files have them.
 
     Args:
         sources: the files, in any order; one at least.
@@ -85,7 +85,7 @@ def _fields(files: Sequence[Container]) -> HeaderFields:
 
 def _models(file: Container) -> Table:
     """Rows of the model blocks."""
-    return file.directory[file.directory["kind"] < BlockKind.TILE]
+    return file.directory[file.directory["kind"] <= BlockKind.PREDICTORS]
 
 
 def _check_models(files: Sequence[Container], number: int) -> None:
@@ -119,8 +119,8 @@ def _order(tiles: Table) -> I64:
 def _outside_tiles(files: Sequence[Container]) -> Table:
     """Rows of the first file of what belongs to no tile: models, and annotations that all files have alike."""
     rows = files[0].directory
-    kept = rows["kind"] < BlockKind.TILE
-    for row in np.flatnonzero((rows["kind"] > BlockKind.TILE) & (rows["kind"] != BlockKind.STREAMING)).tolist():
+    kept = rows["kind"] <= BlockKind.PREDICTORS
+    for row in np.flatnonzero(~kept & ~np.isin(rows["kind"], [BlockKind.TILE, BlockKind.STREAMING])).tolist():
         entry = entry_of(rows[row])
         others = [file.find(entry.kind, entry.layer) for file in files[1:]]
         told = [] if None in others else [(one.length, one.crc32, one.flags) for one in others if one is not None]
@@ -129,26 +129,18 @@ def _outside_tiles(files: Sequence[Container]) -> Table:
 
 
 def _streaming(files: Sequence[Container], order: I64) -> Block | None:
-    """The STREAMING values of all tiles; None if a file has none, or has other viewpoints."""
-    told = [found for file in files if (found := read_streaming(file)) is not None]
-    alike = {(found.viewpoints.tobytes(), found.layers, str(found.view)) for found in told}
-    if len(told) < len(files) or len(alike) > 1:
+    """The STREAMING values of all tiles, with the view if all files have the same; None if a file has no such block."""
+    parts = [found for file in files if (found := read_streaming(file)) is not None]
+    if len(parts) < len(files):
         return None
-    return streaming_block(
-        Streaming(
-            np.concatenate([found.low for found in told])[order],
-            np.concatenate([found.high for found in told])[order],
-            np.concatenate([found.reach for found in told])[order],
-            told[0].viewpoints,
-            np.concatenate([found.gains for found in told], axis=2)[:, :, order],
-            told[0].view,
-        )
-    )
+    low, high, reach = (np.concatenate([getattr(part, name) for part in parts])[order] for name in _BOXES)
+    same_view = len({str(part.view) for part in parts}) == 1
+    return streaming_block(Streaming(low, high, reach, parts[0].view if same_view else None))
 
 
 def streaming_block(streaming: Streaming) -> Block:
     """The STREAMING block with these values."""
-    return Block(BlockKind.STREAMING, 1, pack_streaming(streaming), count=len(streaming.viewpoints))
+    return Block(BlockKind.STREAMING, 1, pack_streaming(streaming), count=streaming.tiles)
 
 
 def model_bytes(rows: Table, layers: int) -> list[int]:

@@ -1,11 +1,12 @@
-"""The report about the models that code the symbols of a file: static tables, predictors, index network (SPEC §10)."""
+"""Reports about models that code symbols (SPEC §10), and about the STREAMING block (SPEC §7.13)."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
 from typing import Any
 
-from scarfmt.coding.decoder_model import DECODER, MECHANISMS
+import numpy as np
+
+from scarfmt.blocks.streaming import read_streaming
 from scarfmt.coding.models import SceneModels
 from scarfmt.coding.reader import SceneReader
 from scarfmt.container.file import Container
@@ -13,7 +14,6 @@ from scarfmt.container.schema import BlockKind, Stream
 from scarfmt.container.source import ByteSource
 from scarfmt.neural.network import IndexNetwork
 from scarfmt.neural.predictors import Predictor
-from scarfmt.tools.inspection import read_metadata
 
 
 def describe_models(source: ByteSource) -> dict[str, Any]:
@@ -21,11 +21,10 @@ def describe_models(source: ByteSource) -> dict[str, Any]:
 
     Returns:
         ``context`` (passes, occupancies), ``predictors`` per channel, ``index_network`` or None, ``hash_grid`` or None,
-        ``multiply_adds`` an anchor needs at most, ``blocks``: bytes per kind, and ``mechanisms``: what the encoder says
-        that networks of the whole file save, and what they take by the model of a decoder.
+        ``multiply_adds`` an anchor needs at most, and ``blocks``: bytes per kind.
 
     Raises:
-        ScarError: for whatever makes the models or METADATA unusable.
+        ScarError: for whatever makes the models unusable.
     """
     reader = SceneReader(source, allow_truncated=True)
     models = reader.models()
@@ -43,43 +42,6 @@ def describe_models(source: ByteSource) -> dict[str, Any]:
         "hash_grid": None if (g := models.grid) is None else {"levels": len(g.levels), "features": g.width},
         "multiply_adds": products,
         "blocks": _block_bytes(reader.container),
-        "mechanisms": _mechanisms(read_metadata(reader.container) or {}),
-    }
-
-
-def _mechanisms(metadata: Mapping[str, Any]) -> list[dict[str, Any]]:
-    """The bytes and times of each kind of network, from METADATA. Entries that no encoder writes are ignored.
-
-    Returns:
-        ``name``, ``saved_bytes``, ``multiply_adds``, ``ms``, and ``pays_below_mbit``: the bandwidth at which the bytes
-        take as long as the network.
-    """
-    told = _object(metadata.get(MECHANISMS))
-    found = [
-        (f"predictors, {name}", record, DECODER.predictors_ns)
-        for name, record in _object(told.get("predictors")).items()
-    ]
-    found += [("index network", told.get("index_network"), DECODER.index_network_ns)]
-    return [_costed(name, record, ns) for name, record, ns in found if _is_record(record)]
-
-
-def _object(value: Any) -> dict[str, Any]:
-    return value if isinstance(value, dict) else {}
-
-
-def _is_record(record: Any) -> bool:
-    values = [_object(record).get(name) for name in ("saved", "multiply_adds", "anchors")]
-    return all(type(value) is int and abs(value) < 1 << 63 for value in values)
-
-
-def _costed(name: str, record: Mapping[str, int], ns_of: Callable[[int, int], float]) -> dict[str, Any]:
-    ns = ns_of(record["multiply_adds"], record["anchors"])
-    return {
-        "name": name,
-        "saved_bytes": record["saved"],
-        "multiply_adds": record["multiply_adds"],
-        "ms": ns / 1e6,
-        "pays_below_mbit": max(8e3 * record["saved"], 0) / ns if ns > 0 else 0.0,
     }
 
 
@@ -134,15 +96,7 @@ def format_models(report: dict[str, Any]) -> str:
         levels = "none" if grid is None else f"{grid['levels']} levels, {grid['features']} features"
         lines.append(("hash grid", levels))
     lines.append(("multiply-adds", f"at most {report['multiply_adds']:,} an anchor"))
-    lines += [(found["name"], _worth_text(found)) for found in report["mechanisms"]]
     return "\n".join(f"{name:<17} {value}" for name, value in lines) + "\n"
-
-
-def _worth_text(found: dict[str, Any]) -> str:
-    return (
-        f"{found['saved_bytes']:,} bytes saved in the whole file; {found['multiply_adds']:,} multiply-adds,"
-        f" {found['ms']:,.1f} ms: pays below {found['pays_below_mbit']:,.3g} Mbit/s"
-    )
 
 
 def _network_text(network: dict[str, Any]) -> str:
@@ -150,3 +104,46 @@ def _network_text(network: dict[str, Any]) -> str:
     layers = f"layers {network['layers'][0]}-{network['layers'][-1]}"
     sources = ", ".join(name for name in ("own", "decoded", "grid") if network["inputs"][name])
     return f"{kind}, H = {network['hidden']}, {network['head']} head, {layers}; sees class, {sources}"
+
+
+def describe_streaming(container: Container) -> dict[str, Any] | None:
+    """A JSON-able description; None where there is no such block, or a cut source does not reach it.
+
+    Returns:
+        ``bytes``; ``view`` to begin with as ``position``, ``target``, ``up`` and ``fov`` (radians), or None;
+        ``box_share``: mean share of a tile's cube that its box takes up.
+
+    Raises:
+        Malformed, LimitExceeded: the block is refused.
+    """
+    entry = container.find(BlockKind.STREAMING, 1)
+    streaming = read_streaming(container)
+    if entry is None or streaming is None:
+        return None
+    view = streaming.view
+    sides = (streaming.high.astype(np.float64) + 1 - streaming.low) / 256
+    return {
+        "bytes": entry.length,
+        "view": None
+        if view is None
+        else {
+            "position": view.position.tolist(),
+            "target": view.target.tolist(),
+            "up": view.up.tolist(),
+            "fov": view.fov,
+        },
+        "box_share": float(sides.prod(axis=1).mean()) if streaming.tiles else None,
+    }
+
+
+def format_streaming(report: dict[str, Any] | None) -> str:
+    """The description as lines for people, ending in a line break."""
+    if report is None:
+        return "streaming         none\n"
+    lines = [f"streaming         {report['bytes']:,} bytes"]
+    if report["box_share"] is not None:
+        lines.append(f"tight boxes       {100 * report['box_share']:.0f} % of their tiles")
+    if report["view"] is not None:
+        position, target = (" ".join(f"{x:.5g}" for x in report["view"][name]) for name in ("position", "target"))
+        lines.append(f"view              from {position} to {target}")
+    return "\n".join(lines) + "\n"

@@ -1,6 +1,6 @@
 """A file as several, each with some of its tiles and all of its models, without decoding it.
 
-`merge` makes the file again of them, byte for byte.
+`merge` makes the file again of them, with directory pages of the usual size.
 """
 
 from __future__ import annotations
@@ -19,8 +19,7 @@ from scarfmt.container.file import Container, directory_row
 from scarfmt.container.schema import ENTRY_DTYPE, STREAM_COUNT, BlockKind, Profile, Stream
 from scarfmt.container.source import ByteSource
 from scarfmt.container.substreams import MAX_TABLE_SIZE, unpack_table
-from scarfmt.engines import best_engine
-from scarfmt.errors import InvalidInput
+from scarfmt.errors import InvalidInput, plural
 from scarfmt.limits import DEFAULT_LIMITS, Limits
 from scarfmt.tools.assemble import Plan, entry_of, ordered
 from scarfmt.tools.merge import model_bytes, streaming_block
@@ -38,7 +37,7 @@ def even_parts(container: Container, parts: int) -> list[I64]:
     """
     count = len(container.tile_table)
     if not 1 <= parts <= count:
-        raise InvalidInput("input-parts", f"{parts} files of the {count} tiles of this one: 1..{count} are possible")
+        raise InvalidInput("input-parts", f"the file has {plural(count, 'tile')}: it cannot be cut into {parts} files")
     rows = container.directory[container.directory["kind"] == BlockKind.TILE]
     size = np.bincount(rows["tile"], rows["length"].astype(np.float64), count).cumsum()
     ends: list[int] = []
@@ -69,7 +68,7 @@ def split_to(
     Raises:
         Malformed, Truncated, Unsupported, LimitExceeded: what a decoder of these tiles refuses.
     """
-    reader = SceneReader(source, limits=limits, engine=best_engine())
+    reader = SceneReader(source, limits=limits)
     container = reader.container
     kept = container.directory[container.directory["kind"] == BlockKind.TILE]
     anchors = np.bincount(kept["tile"], kept["count"].astype(np.float64), len(container.tile_table))
@@ -97,9 +96,9 @@ def _part(reader: SceneReader, tiles: I64, source_count: int) -> Plan:
     streams = _stream_bytes(container, own)
     own["tile"] = np.searchsorted(tiles, own["tile"])
     table, origin, made = np.concatenate([outside, own]), np.zeros(len(outside) + len(own), np.int64), []
-    told = read_streaming(container)
-    if told is not None:
-        block = streaming_block(_of_tiles(told, tiles))
+    whole = read_streaming(container)
+    if whole is not None:
+        block = streaming_block(Streaming(whole.low[tiles], whole.high[tiles], whole.reach[tiles], whole.view))
         table = np.concatenate([table, np.array([directory_row(block)], ENTRY_DTYPE)])
         origin, made = np.append(origin, -1), [block.payload]
     for layer, models in enumerate(model_bytes(table, container.header.layer_count)):
@@ -107,13 +106,6 @@ def _part(reader: SceneReader, tiles: I64, source_count: int) -> Plan:
     fields = replace(container.header.fields, source_count=source_count)
     counts = _counts(reader, tiles, own)
     return Plan(fields, container.tile_table[tiles], *ordered(table, origin), made, counts, streams)
-
-
-def _of_tiles(told: Streaming, tiles: I64) -> Streaming:
-    """The STREAMING values of some tiles."""
-    return replace(
-        told, low=told.low[tiles], high=told.high[tiles], reach=told.reach[tiles], gains=told.gains[:, :, tiles]
-    )
 
 
 def _stream_bytes(container: Container, rows: Table) -> list[list[int]]:

@@ -16,7 +16,7 @@ from scarfmt.container.directory import Table, entry_from_row
 from scarfmt.container.file import Container, encode_front
 from scarfmt.container.schema import READABLE_KINDS, BlockFlag, Stream
 from scarfmt.container.source import ByteSource
-from scarfmt.errors import InvalidInput, Truncated
+from scarfmt.errors import InvalidInput, Truncated, plural
 from scarfmt.limits import DEFAULT_LIMITS, Limits
 from scarfmt.tools.assemble import copy_block
 
@@ -52,7 +52,8 @@ def truncate_to(source: ByteSource, layers: int, target: BinaryIO, *, limits: Li
     container = Container.open(source, limits=limits, allow_truncated=True)
     header = container.header
     if not 1 <= layers <= header.layer_count:
-        raise InvalidInput("input-layers", f"{layers} of the {header.layer_count} layers in the file", field="layers")
+        message = f"the file has {plural(header.layer_count, 'layer')}, not {layers}"
+        raise InvalidInput("input-layers", message, field="layers")
     if layers > container.available_layers:
         message = f"{layers} layers were asked for, but only {container.available_layers} arrived whole"
         raise Truncated("truncated-block", message, offset=source.size)

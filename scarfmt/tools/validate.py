@@ -1,7 +1,7 @@
 """Whether a file keeps every rule of SPEC.md: not the first fault a reader would meet, but all that can be found.
 
-A fault ends only what depends on it: a damaged header ends everything, a damaged tile only that tile. Decoding is
-exact up to the integers; attributes are not computed.
+A fault ends only what depends on it: a damaged header ends everything, a damaged tile only that tile. Tiles are
+decoded up to their integers by the definition in NumPy, which says what is wrong; attributes are not computed.
 """
 
 from __future__ import annotations
@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from scarfmt.blocks.metadata import check_registered
 from scarfmt.blocks.registry import BLOCKS
 from scarfmt.blocks.spec import Reading
 from scarfmt.blocks.streaming import check_place, checked_streaming
@@ -35,10 +36,9 @@ from scarfmt.container.schema import (
 )
 from scarfmt.container.source import ByteSource, BytesSource
 from scarfmt.container.substreams import check_substream, unpack_table
-from scarfmt.engines import best_engine
 from scarfmt.entropy.keys import TableKey
-from scarfmt.entropy.symbol_tables import StaticTables, SymbolTable
-from scarfmt.errors import InvalidInput, Malformed, ScarError
+from scarfmt.entropy.symbol_tables import SymbolTable
+from scarfmt.errors import InvalidInput, Malformed, ScarError, plural
 from scarfmt.limits import DEFAULT_LIMITS, Limits
 from scarfmt.scene.model import SceneModel
 from scarfmt.tools.inspection import read_metadata
@@ -119,7 +119,7 @@ def validate(
     if opened is None:
         return result
     if layers is not None and not 1 <= layers <= opened.header.layer_count:
-        raise InvalidInput("input-layers", f"layer {layers} is not in 1..{opened.header.layer_count}")
+        raise InvalidInput("input-layers", f"the file has {plural(opened.header.layer_count, 'layer')}, not {layers}")
     result.layers_checked = min(result.layers_available, layers or result.layers_available)
     _Check(opened, result, report).run()
     return result
@@ -138,7 +138,7 @@ def _open(source: ByteSource, limits: Limits, result: Validation) -> SceneReader
     container = Container.open(source, limits=limits, allow_truncated=True)
     result.layers_declared, result.layers_available = container.header.layer_count, container.available_layers
     try:
-        reader = SceneReader(source, limits=limits, allow_truncated=True, engine=best_engine())
+        reader = SceneReader(source, limits=limits, allow_truncated=True)
         reader.container.load()
         return reader
     except ScarError as error:
@@ -158,7 +158,7 @@ def _summary_offset(layer: int, name: str) -> int:
     return FILE_HEADER_SIZE + (layer - 1) * LAYER_SUMMARY_SIZE + _SUMMARY_OFFSETS[name]
 
 
-class _UsedTables(StaticTables):
+class _UsedTables(dict[TableKey, SymbolTable]):
     """Tables of a layer that remember which of them were asked for, also one by one."""
 
     def __init__(self, tables: dict[TableKey, SymbolTable], used: set[TableKey]) -> None:
@@ -202,7 +202,6 @@ class _Check:
         self._check_stream_bytes()
         if complete and usable == self._last:
             self._check_gaussians()
-            self._note_packed()
             self._check_tables_used()
 
     def _add(self, error: ScarError) -> None:
@@ -235,7 +234,7 @@ class _Check:
             return
         self._streams[entry.layer, Stream.MODELS] += len(payload)
         if entry.kind == BlockKind.METADATA:
-            read_metadata(self._container)
+            check_registered(read_metadata(self._container) or {}, entry.offset)
         if entry.kind == BlockKind.STREAMING:
             self._check_streaming(entry, payload)
             return
@@ -246,7 +245,7 @@ class _Check:
         try:
             check_place(entry)
             found = checked_streaming(self._container, entry, payload)
-            self._count_elements(entry, len(found.viewpoints))
+            self._count_elements(entry, found.tiles)
         except ScarError as error:
             self._miscounted.append(error)
 
@@ -381,12 +380,6 @@ class _Check:
                 message = f"the masks turn on {self._gaussians[layer]} Gaussians, the summary says {declared}"
                 offset, name = _summary_offset(layer, "gaussian_count"), f"layers[{layer - 1}].gaussian_count"
                 self._add(Malformed("layer-counts", message, offset=offset, field=name))
-
-    def _note_packed(self) -> None:
-        """Add what an engine used unasked to what was asked for one by one."""
-        for models in self._models.values():
-            for tables, used in zip(models.tables, self._used, strict=False):
-                used |= self._reader.engine.tables_read(tables)
 
     def _check_tables_used(self) -> None:
         """Warn of tables nothing was coded with: legal, but bytes for nothing."""

@@ -6,32 +6,30 @@ from typing import Any
 
 import numpy as np
 import pytest
-from construct import this
 from hypothesis import given
 from hypothesis import strategies as st
 
 from scarfmt.blocks.declare import (
     F64,
     U8,
-    Bits,
-    Blob,
     Check,
-    Count,
     Derived,
-    Numbers,
     Record,
     Repeat,
     Rule,
     Scope,
-    SignedVarint,
     Use,
-    Varint,
-    Varints,
     When,
+    array,
+    bits,
+    blob,
     build,
+    count,
     read,
+    svarint,
+    varint,
+    varints,
 )
-from scarfmt.blocks.listing import listing
 from scarfmt.errors import LimitExceeded, Malformed, ScarError
 from tests.samples.codec_samples import refuses
 
@@ -40,17 +38,17 @@ def refusal(at: Scope) -> ScarError:
     return Malformed("bad-thing", f"{dict(at)}", field="thing")
 
 
-PAIR = Record("rows" / U8, "numbers" / Bits(this.rows * this.width))
+PAIR = Record("rows" / U8, "numbers" / bits("rows * width"))
 THING = Record(
     "kind" / U8 * "0 or 1",
     Rule(Check("R-1-1", "kind is 0 or 1", "bad-thing"), lambda at: at["kind"] < 2, refusal),
-    When(this.kind == 1, "low" / SignedVarint(33), "width_of_all" / F64),
-    "count" / Count(5),
-    "pairs" / Repeat(this.count, Use("pair", PAIR, width=2)),
-    "size" / Varint(16),
-    "weights" / Varints(24, this.size),
-    "halves" / Numbers({1: "i1", 2: "i2"}, this.count, this.kind + 1),
-    "blob" / Blob(this.kind) * "the end",
+    When("kind == 1", "low" / svarint(33), "width_of_all" / F64),
+    "count" / count(5),
+    "pairs" / Repeat("count", Use("pair", PAIR, width=2)),
+    "size" / varint(16),
+    "weights" / varints(24, "size"),
+    "halves" / array({1: "i1", 2: "i2"}, "count", "kind + 1"),
+    "blob" / blob("kind") * "the end",
     "total" / Derived(lambda at: len(at["pairs"]) + at["size"], "count + size"),
 )
 
@@ -149,26 +147,7 @@ def _refused(values: Any, at: Scope) -> ScarError | None:
 )
 def test_of_several_faults_in_an_array_the_first_counts(payload: bytes, wanted: str) -> None:
     """Though all numbers are read at once (SPEC §12.2)."""
-    record = Record("weights" / Varints(24, 3, _refused))
+    record = Record("weights" / varints(24, 3, _refused))
     refuses(wanted, lambda: read(record, payload, "thing"))
-    many = Record("weights" / Varints(24, 40, _refused))
+    many = Record("weights" / varints(24, 40, _refused))
     refuses(wanted, lambda: read(many, b"\1" * 37 + payload, "thing"))
-
-
-def test_a_declaration_is_listed_field_by_field() -> None:
-    """Conditions, repetitions and rules stand at their place; descriptions at the end of the line."""
-    lines = listing("thing()", THING).splitlines()
-    assert lines[0] == "thing():"
-    text = "\n".join(" ".join(line.split()) for line in lines)
-    for wanted in (
-        "kind u8 # 0 or 1",
-        "check R-1-1: kind is 0 or 1 # else bad-thing",
-        "if kind == 1:",
-        "low svarint(33)",
-        "pairs count times pair(2)",
-        "weights size times varint(24)",
-        "halves count times i8 or i16",
-        "blob kind bytes # the end",
-        "total = count + size",
-    ):
-        assert wanted in text

@@ -16,7 +16,7 @@ from fuzz.testing.scenes import random_scene
 from scarfmt.cli import cli
 from scarfmt.coding.writer import write_scene
 from scarfmt.container.schema import Profile
-from scarfmt.formats.export_ply import write_inria_ply
+from scarfmt.formats.inria_ply import write_inria_ply
 from scarfmt.scene.gaussians import GaussianScene
 
 REPOSITORY = Path(__file__).resolve().parents[2]

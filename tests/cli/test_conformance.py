@@ -37,7 +37,7 @@ def absent(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.mark.usefixtures("absent")
-@pytest.mark.parametrize("arguments", [["--help"], ["run"], ["list", "--help"], []])
+@pytest.mark.parametrize("arguments", [["run"], ["list", "--help"]])
 def test_without_it_one_line_says_how_to_get_it(arguments: list[str]) -> None:
     """No traceback, and a command that exists."""
     result = CliRunner().invoke(cli, ["conformance", *arguments])
@@ -49,3 +49,4 @@ def test_without_it_one_line_says_how_to_get_it(arguments: list[str]) -> None:
 @pytest.mark.usefixtures("absent")
 def test_the_list_of_commands_works_without_it() -> None:
     assert "conformance" in CliRunner().invoke(cli, ["--help"]).stdout
+    assert CliRunner().invoke(cli, ["conformance", "--help"]).exit_code == 0

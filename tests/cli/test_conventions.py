@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import re
 import subprocess
@@ -13,28 +14,23 @@ import pytest
 
 from scarfmt import __version__
 from scarfmt.cli import cli
-from scarfmt.cli.completion import completion
 from scarfmt.cli.failures import FailureGroup, requires_extra
 from scarfmt.cli.files import open_output
-from scarfmt.engines import described
 from scarfmt.errors import InvalidInput
+from scarfmt.native.binding import described
 from tests.cli.conftest import REPOSITORY, Run, Shell
 
 HEAVY = ("torch", "numba", "scipy", "plyfile", "fsspec", "aiohttp", "rich", "PIL")
 
 
 def test_version(run: Run) -> None:
-    first, second = run("--version").stdout.splitlines()
+    first, second = run("-V").stdout.splitlines()
     assert __version__ in first
     assert second == f"engine: {described()}"
 
 
-@pytest.mark.parametrize("name", sorted(cli.commands))
-def test_every_help_text_gives_examples_that_name_the_command(run: Run, name: str) -> None:
-    result = run(name, "--help")
-    assert result.exit_code == 0
-    assert f"scarfmt {name}" in result.stdout.partition("Examples:")[2]
-    assert not cli.commands[name].get_short_help_str(100).endswith("...")
+def test_help_of_a_command_by_either_name(run: Run) -> None:
+    assert run("help", "split").stdout == run("split", "-h").stdout != run("help").stdout == run("-h").stdout
 
 
 @pytest.mark.parametrize("name", sorted(cli.commands))
@@ -68,12 +64,6 @@ def test_an_invalid_file_is_one_line_on_stderr_and_exit_code_1(shell: Shell, tmp
     assert done.returncode == 1
     assert done.stdout == b""
     assert re.fullmatch(rb"scarfmt: error: bad-signature: .*\(signature, byte 0\)\r?\n", done.stderr)
-
-
-def test_a_missing_file_is_exit_code_1(run: Run, tmp_path: Path) -> None:
-    result = run("inspect", tmp_path / "none.scar")
-    assert (result.exit_code, result.stdout) == (1, "")
-    assert "scarfmt: error: input-source: cannot open" in result.stderr
 
 
 @pytest.mark.parametrize(
@@ -131,6 +121,45 @@ def test_wrong_arguments_are_exit_code_2(
     assert result.exit_code == 2, result.output
     assert result.stdout == ""
     assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [["enkode"], ["--nonsense"], ["inspect"], ["inspect", "FILE", "--nonsense"], ["decode", "FILE", "a.obj"]],
+)
+def test_wrong_arguments_are_one_line_like_every_other_error(
+    run: Run, explicit_scar: Path, arguments: list[str]
+) -> None:
+    result = run(*(str(explicit_scar) if argument == "FILE" else argument for argument in arguments))
+    assert re.fullmatch(r"scarfmt: error: input-usage: .*; see scarfmt.* --help\n", result.stderr)
+
+
+def test_errors_name_options_not_parameters(run: Run, explicit_scar: Path, tmp_path: Path) -> None:
+    result = run("truncate", explicit_scar, tmp_path / "a.scar", "--layers", 9)
+    assert result.stderr.endswith("(--layers)\n")
+
+
+def test_reports_are_lines_or_a_document(run: Run, explicit_scar: Path, ply: Path, tmp_path: Path) -> None:
+    """--json: one object on stdout, and no line for people. --quiet prints it all the same."""
+    commands = {
+        "inspect": (explicit_scar,),
+        "validate": (explicit_scar,),
+        "truncate": (explicit_scar, tmp_path / "a.scar", "--layers", 1),
+        "decode": (explicit_scar, tmp_path / "a.npz", "-q"),
+        "convert": (ply, tmp_path / "a.spz"),
+        "encode": (ply, tmp_path / "b.scar", "--effort", 1, "--layers", 1, "--corrections", 0),
+        "merge": (explicit_scar, "-o", tmp_path / "c.scar"),
+        "split": (explicit_scar, tmp_path / "d.scar", "--files", 2),
+        "render": (ply, tmp_path / "e", "--views", 1, "--size", "32x24"),
+        "compare": (ply, ply, "--views", 1, "--size", "32x24"),
+    }
+    for name, arguments in commands.items():
+        result = run(name, *arguments, "--json")
+        assert result.exit_code == 0, result.output
+        assert isinstance(json.loads(result.stdout), dict)
+        assert [line for line in result.stderr.splitlines() if "warning" not in line] == []
+    piped = run("truncate", explicit_scar, "-", "--layers", 1, "--json")
+    assert (piped.exit_code, piped.stdout) == (2, "")
 
 
 def test_an_existing_output_is_kept_unless_forced(run: Run, explicit_scar: Path, tmp_path: Path) -> None:
@@ -204,7 +233,7 @@ def failing(error: BaseException) -> click.Group:
     [
         (MemoryError(), 1, "out-of-memory"),
         (PermissionError(13, "Permission denied", "x.ply"), 1, "os-error: [Errno 13] Permission denied: 'x.ply'"),
-        (ModuleNotFoundError("No module", name="torch.nn"), 1, "pip install 'scarfmt[neural]'"),
+        (ModuleNotFoundError("No module", name="torch.nn"), 1, "pip install 'scarfmt[train]'"),
         (ModuleNotFoundError("No module", name="numba"), 1, "pip install 'scarfmt[encode]'"),
         (InvalidInput("input-frame", "which way is up?"), 2, "input-frame: which way is up?"),
         (KeyboardInterrupt(), 130, "interrupted"),
@@ -239,15 +268,62 @@ def test_binary_data_is_not_written_to_a_terminal(monkeypatch: pytest.MonkeyPatc
         pass
 
 
-def test_pipes_carry_whole_files(shell: Shell, explicit_scar: Path, run: Run, tmp_path: Path) -> None:
-    done = shell("truncate", "-", "-", "--layers", 2, cwd=tmp_path, input=explicit_scar.read_bytes())
-    assert done.returncode == 0
-    run("truncate", explicit_scar, tmp_path / "file.scar", "--layers", 2)
-    assert done.stdout == (tmp_path / "file.scar").read_bytes()
-    assert b"2 layers" in done.stderr
-
-
 @pytest.mark.parametrize("name", ["bash", "zsh", "fish"])
 def test_completion_scripts_name_the_command(run: Run, name: str) -> None:
     assert "_SCARFMT_COMPLETE" in run("completion", name).stdout
-    assert completion.name == "completion"
+
+
+@pytest.mark.parametrize(
+    ("command", "name"),
+    [
+        *(("truncate", name) for name in ("same", "./same", "link", "hard.scar")),
+        *((command, "hard.scar") for command in ("split", "merge", "convert", "encode", "decode")),
+    ],
+)
+def test_no_input_is_overwritten_even_if_forced(
+    run: Run, explicit_scar: Path, ply: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, command: str, name: str
+) -> None:
+    """By whatever name the output is the same file."""
+    monkeypatch.chdir(tmp_path)
+    source = ply if command in ("convert", "encode") else explicit_scar
+    Path("same").write_bytes(source.read_bytes())
+    Path("link").symlink_to("same")
+    Path("hard.scar").hardlink_to("same")
+    more = {
+        "truncate": ("same", name, "--layers", 1),
+        "split": ("same", "new", "--box", "0,0,0,9,9,9", "--rest", name),
+        "merge": ("same", "-o", name),
+        "convert": ("same", name, "--format", "ply"),
+        "encode": ("same", name, "--effort", 1),
+        "decode": ("same", name, "--format", "ply"),
+    }[command]
+    result = run(command, *more, "--force")
+    assert (result.exit_code, "output-path" in result.stderr) == (2, True), result.output
+    assert Path("same").read_bytes() == source.read_bytes()
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["hard.scar", "link", "same"]
+
+
+def test_no_two_outputs_are_one_file(run: Run, explicit_scar: Path, tmp_path: Path) -> None:
+    (tmp_path / "a").write_bytes(b"old")
+    (tmp_path / "b").hardlink_to(tmp_path / "a")
+    for rest in ("a", "b", "../" + tmp_path.name + "/a"):
+        box = "-1,-1,-1,1,1,1"
+        result = run("split", explicit_scar, tmp_path / "a", "--box", box, "--rest", tmp_path / rest, "--force")
+        assert (result.exit_code, result.stderr.count("is another output")) == (2, 1)
+    assert (tmp_path / "a").read_bytes() == b"old"
+
+
+def test_a_buffer_that_a_scene_names_is_not_overwritten(run: Run, ply: Path, tmp_path: Path) -> None:
+    assert run("convert", ply, tmp_path / "a.gltf").exit_code == 0
+    before = (tmp_path / "a.bin").read_bytes()
+    result = run("convert", tmp_path / "a.gltf", tmp_path / "a.bin", "--format", "ply", "--force")
+    assert (result.exit_code, "a.bin is an input" in result.stderr) == (2, True)
+    assert (tmp_path / "a.bin").read_bytes() == before
+
+
+def test_nothing_lies_in_the_work_directory(run: Run, ply: Path, tmp_path: Path) -> None:
+    (tmp_path / "scene").write_bytes(ply.read_bytes())
+    for names in ((tmp_path / "scene", tmp_path.parent / "a.scar"), (ply, tmp_path / "models.scar")):
+        result = run("encode", *names, "--work", tmp_path)
+        assert (result.exit_code, "output-path" in result.stderr) == (2, True)
+    assert [path.name for path in tmp_path.iterdir()] == ["scene"]

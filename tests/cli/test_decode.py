@@ -12,13 +12,14 @@ import pytest
 
 from fuzz.testing.scenes import random_scene
 from reference_decoder.decode import decode as decode_file
+from reference_decoder.decode import decode_scene
 from scarfmt.cli.outputs import SUFFIXES
 from scarfmt.coding.writer import write_scene
 from scarfmt.container.schema import Profile
 from scarfmt.container.source import HEAD_BYTES
 from scarfmt.counters import Counters
 from scarfmt.formats import load
-from scarfmt.formats.export_ply import write_inria_ply
+from scarfmt.formats.inria_ply import write_inria_ply
 from scarfmt.formats.outputs import OUTPUTS
 from scarfmt.scene.gaussians import AnchorModel, GaussianScene
 from tests.cli.conftest import Run, Shell, gaussians
@@ -51,10 +52,10 @@ def test_pipes_carry_a_ply(shell: Shell, encoded: Path, tmp_path: Path, run: Run
 )
 def test_parts(run: Run, explicit_scar: Path, tmp_path: Path, options: tuple[object, ...], arguments: dict) -> None:  # type: ignore[type-arg]
     assert run("decode", explicit_scar, tmp_path / "a.npz", *options).exit_code == 0
-    expected = decode_file(explicit_scar, **arguments).scene
+    expected = decode_scene(explicit_scar, **arguments)
     assert len(expected) > 0
     with np.load(tmp_path / "a.npz") as arrays:
-        assert set(arrays) == set(vars(expected))
+        assert set(arrays) == set(expected.arrays())
         for name in arrays:
             np.testing.assert_array_equal(arrays[name], getattr(expected, name))
 
@@ -86,27 +87,25 @@ def test_a_cut_file_needs_leave(run: Run, explicit_scar: Path, tmp_path: Path) -
 
 def test_stats_are_a_small_table_on_stderr(run: Run, explicit_scar: Path, tmp_path: Path) -> None:
     """The table shows what was read beside what the file has, then what was computed."""
-    result = run("decode", explicit_scar, tmp_path / "a.npz", "--layers", 1, "--stats", "--quiet")
-    rows = {line.split()[0]: line.split()[1:] for line in result.stderr.splitlines()}
-    assert list(rows)[:5] == ["bytes", "blocks", "tiles", "anchors", "symbols"]
-    assert list(rows)[-1] == "seconds"
+    result = run("decode", explicit_scar, tmp_path / "a.npz", "--layers", 1, "--stats")
+    rows = {line.split()[0]: line.split()[1:] for line in result.stderr.splitlines()[1:]}
+    assert list(rows) == ["bytes", "blocks", "tiles", "anchors", "engine", "seconds"]
     counters = Counters()
     decode_file(explicit_scar, layers=1, counters=counters)
     size = f"{explicit_scar.stat().st_size:,}"
     share = f"({100 * counters.bytes_read / explicit_scar.stat().st_size:.1f}"
     assert rows["bytes"] == [f"{counters.bytes_read:,}", "of", size, share, "%),", "in", str(counters.reads), "reads"]
-    assert rows["symbols"] == [f"{counters.symbols_of():,}"]
     assert result.stdout == ""
 
 
 def test_stats_as_json_are_the_counters_of_the_decode(run: Run, explicit_scar: Path, tmp_path: Path) -> None:
-    """On stdout, with or without the table; the latent decoder, which only a scene needs, is in them."""
+    """On stdout, with or without the table; they are those of a decode."""
     began = time.perf_counter()
     result = run("decode", explicit_scar, tmp_path / "a.npz", "--json", "--quiet")
     spent = time.perf_counter() - began
     found = json.loads(result.stdout)
     counters = Counters()
-    decode_file(explicit_scar, counters=counters).activated(counters=counters)
+    decode_file(explicit_scar, counters=counters)
     assert found["decoded"] == counters.report()
     assert found["file"]["bytes"] == explicit_scar.stat().st_size
     assert found["decoded"]["anchors"] == found["file"]["anchors"]
@@ -310,3 +309,26 @@ def test_anchors_are_baked_into_any_format(run: Run, anchors: Path, tmp_path: Pa
 
 def test_the_formats_of_the_command_line_are_those_of_the_writers() -> None:
     assert {output.id: output.suffix for output in OUTPUTS} == SUFFIXES
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        (("--box", "900,900,900,901,901,901"), "nothing lies in the box; the scene lies in "),
+        (("--budget", 1), "no tile fits into the budget: the smallest first layer in the picture has "),
+        (("--camera", "1e5,0,0", "--target", "2e5,0,0"), "nothing of the scene is in the picture"),
+    ],
+)
+def test_a_decode_of_nothing_says_why(
+    run: Run, explicit_scar: Path, tmp_path: Path, options: tuple[object, ...], said: str
+) -> None:
+    result = run("decode", explicit_scar, tmp_path / "a.ply", *options)
+    assert result.exit_code == 0, result.stderr
+    assert f"scarfmt: warning: {said}" in result.stderr
+    assert result.stderr.endswith("0 Gaussians\n")
+
+
+@pytest.mark.parametrize(("start", "said"), [(b"", "the file is empty"), (b"glTF", "encode it first")])
+def test_what_is_no_scar_file_is_told_what_it_is(run: Run, tmp_path: Path, start: bytes, said: str) -> None:
+    (tmp_path / "a.scar").write_bytes(start.ljust(40 * len(start), b"x"))
+    assert said in run("inspect", tmp_path / "a.scar").stderr

@@ -3,19 +3,19 @@
 from __future__ import annotations
 
 import json
+import re
 from pathlib import Path
 
 import click
 import numpy as np
 import pytest
 
-from reference_encoder.options import MAX_QUALITY, MIN_QUALITY, MIN_TILE_ANCHORS, EncodeOptions
-from reference_encoder.tuning import LARGE_SCENE, LARGE_SCENE_TILE_ANCHORS, TILE_ANCHORS
+from reference_encoder.options import MAX_QUALITY, MIN_QUALITY, MIN_TILE_ANCHORS
 from scarfmt.cli import cli
 from scarfmt.cli.encode import FORMAT_IDS, parse_metadata
 from scarfmt.container.source import FileSource
 from scarfmt.formats import FORMATS
-from scarfmt.formats.export_ply import write_inria_ply
+from scarfmt.formats.inria_ply import write_inria_ply
 from scarfmt.limits import MAX_ANCHORS_PER_TILE
 from scarfmt.render.camera import look_at, orbit_cameras
 from scarfmt.tools.inspection import inspect
@@ -33,33 +33,75 @@ def test_the_file_is_valid_and_counts_its_input(run: Run, encoded: Path) -> None
     assert report["sh_degree"] == 1
 
 
-def test_the_summary_tells_size_and_bytes_per_gaussian(run: Run, ply: Path, tmp_path: Path) -> None:
-    result = run("encode", ply, tmp_path / "a.scar", *FAST)
-    assert (result.exit_code, result.stdout) == (0, "")
-    assert "300 Gaussians in" in result.stderr
-    assert f"{(tmp_path / 'a.scar').stat().st_size:,} bytes" in result.stderr
-    assert "bytes per Gaussian" in result.stderr
-
-
-def test_the_summary_ends_with_the_quality_found(run: Run, ply: Path, tmp_path: Path) -> None:
+def test_the_summary_ends_with_a_verdict_and_has_figures_on_request(run: Run, ply: Path, tmp_path: Path) -> None:
     target = tmp_path / "a.scar"
-    result = run("encode", ply, target, *FAST)
+    result = run("encode", ply, target, *FAST, "--verbose")
     found = json.loads(run("inspect", target, "--json", "--metadata").stdout)["metadata"]["quality"]
-    assert f"quality from {found['views']} views that played no part in encoding" in result.stderr
+    assert f"quality on {found['views']} test views" in result.stderr
     for name, figures in {"all": found, **found["kinds"]}.items():
         line = next(line for line in result.stderr.splitlines() if line.startswith(f"  {name} "))
         numbers = [float(word) for word in line.replace("5th", "").split() if word[0].isdigit()]
         assert numbers == [figures["mean_db"], figures["p5_db"], figures["worst_db"]]
+    assert re.fullmatch(r"looks like the source from .* worst .*, [\d.]+ dB", result.stderr.splitlines()[-1])
+    assert len(run("encode", ply, target, *FAST, "--force").stderr.splitlines()) == 2
 
 
-def test_a_bandwidth_or_an_archive_can_be_asked_for(run: Run, ply: Path, tmp_path: Path) -> None:
-    """One of both options can be used. A conflict is refused before the scene is read."""
-    target = tmp_path / "a.scar"
-    both = run("encode", "missing.ply", target, "--mbit", 5, "--archive")
-    assert both.exit_code == 2
-    assert "exclude each other" in both.stderr
-    for said in (("--mbit", 5), ("--archive",)):
-        assert run("encode", ply, target, *FAST, *said, "--force").exit_code == 0
+def test_a_preset_is_a_set_of_options_and_those_given_win(run: Run, ply: Path, tmp_path: Path) -> None:
+    few = ("--layers", 1, "--corrections", 0, "-q")
+    for name, options in (
+        ("a", ("--preset", "preview")),
+        ("b", ("--quality", 36, "--effort", 1)),
+        ("c", ("--preset", "preview", "--quality", 25)),
+        ("d", ("--effort", 1, "--quality", 25)),
+    ):
+        assert run("encode", ply, tmp_path / f"{name}.scar", *options, *few).exit_code == 0
+    a, b, c, d = ((tmp_path / f"{name}.scar").read_bytes() for name in "abcd")
+    assert a == b != c == d
+
+
+def test_many_scenes_go_into_a_folder_and_failures_are_listed_at_the_end(run: Run, ply: Path, tmp_path: Path) -> None:
+    """What fails stops nothing else."""
+    out = tmp_path / "new" / "out"
+    (tmp_path / "bad.ply").write_bytes(b"no scene")
+    (tmp_path / "b.compressed.ply").write_bytes(ply.read_bytes())
+    result = run("encode", ply, tmp_path / "bad.ply", tmp_path / "b.compressed.ply", "--out-dir", out, *FAST)
+    assert result.exit_code == 1
+    assert sorted(path.name for path in out.iterdir()) == ["b.scar", "scene.scar"]
+    first, second, third, end, failure = result.stderr.splitlines()
+    assert first.startswith(f"{ply} -> {out / 'scene.scar'}: ")
+    assert (second, end) == (f"{tmp_path / 'bad.ply'}: failed", "2 of 3 scenes encoded; failed:")
+    assert third.startswith(str(tmp_path / "b.compressed.ply"))
+    assert failure.strip().startswith(f"{tmp_path / 'bad.ply'}: input-")
+
+
+def test_many_scenes_overwrite_nothing_and_each_other_never(run: Run, ply: Path, tmp_path: Path) -> None:
+    """Refused before any work: equal names of two folders, and outputs that exist."""
+    for name in ("a", "b"):
+        (tmp_path / name).mkdir()
+        (tmp_path / name / "scene.ply").write_bytes(ply.read_bytes())
+    out = tmp_path / "out"
+    same = run("encode", tmp_path / "a" / "scene.ply", tmp_path / "b" / "scene.ply", "--out-dir", out)
+    assert same.exit_code == 2
+    assert "would both become" in same.stderr
+    assert not out.exists()
+    out.mkdir()
+    (out / "scene.scar").write_bytes(b"precious")
+    taken = run("encode", ply, "--out-dir", out)
+    assert (taken.exit_code, (out / "scene.scar").read_bytes()) == (2, b"precious")
+    assert "--force" in taken.stderr
+
+
+def test_a_folder_of_scenes_is_explained(run: Run, ply: Path, tmp_path: Path) -> None:
+    result = run("encode", ply.parent, tmp_path / "a.scar")
+    assert "input-folder" in result.stderr
+    assert "--out-dir" in result.stderr
+
+
+@pytest.mark.parametrize("name", ["a.ply", "a.txt", "a"])
+def test_an_output_of_another_ending_is_refused(run: Run, ply: Path, tmp_path: Path, name: str) -> None:
+    result = run("encode", ply, tmp_path / name)
+    assert (result.exit_code, list(tmp_path.iterdir())) == (2, [])
+    assert ".scar" in result.stderr
 
 
 def test_a_mean_or_a_floor_can_be_asked_for(run: Run, ply: Path, tmp_path: Path) -> None:
@@ -106,7 +148,7 @@ def test_invalid_rows_are_refused_or_dropped(run: Run, tmp_path: Path) -> None:
     assert not (tmp_path / "a.scar").exists()
     dropped = run("encode", tmp_path / "bad.ply", tmp_path / "a.scar", *FAST, "--drop-invalid")
     assert dropped.exit_code == 0, dropped.stderr
-    assert "left out 1 Gaussians" in dropped.stderr
+    assert "left out 1 of 50 Gaussians" in dropped.stderr
 
 
 def test_a_missing_package_is_told_with_the_extra_to_install(
@@ -119,27 +161,18 @@ def test_a_missing_package_is_told_with_the_extra_to_install(
     result = run("encode", ply, tmp_path / "a.scar")
     assert result.exit_code == 1
     assert "input-dependency: this needs the package torch: " in result.stderr
-    assert "pip install 'scarfmt[neural]'" in result.stderr
+    assert "pip install 'scarfmt[train]'" in result.stderr
     assert list(tmp_path.iterdir()) == []
 
 
-def test_choices_and_defaults_told_are_those_of_the_encoder() -> None:
-    options = {parameter.name: parameter for parameter in cli.commands["encode"].params}
+def test_choices_are_those_of_the_encoder() -> None:
+    options = {parameter.name: parameter.type for parameter in cli.commands["encode"].params}
     assert tuple(known.id for known in FORMATS) == FORMAT_IDS
-    defaults = EncodeOptions()
-    for name in ("quality", "effort", "layers", "frame"):
-        parameter = options[name]
-        assert isinstance(parameter, click.Option)
-        assert f"[default: {getattr(defaults, name)!s}]".replace(".0]", "]") in (parameter.help or "")
-    quality = options["quality"].type
-    assert isinstance(quality, click.FloatRange)
-    assert (quality.min, quality.max) == (MIN_QUALITY, MAX_QUALITY)
-    assert f"{TILE_ANCHORS}; {LARGE_SCENE_TILE_ANCHORS} in scenes of more than {LARGE_SCENE:,} Gaussians" in (
-        options["tile_anchors"].help or ""
-    )
-    size = options["tile_anchors"].type
-    assert isinstance(size, click.IntRange)
-    assert (size.min, size.max) == (MIN_TILE_ANCHORS, MAX_ANCHORS_PER_TILE)
+    ranges = {"quality": (MIN_QUALITY, MAX_QUALITY), "tile_anchors": (MIN_TILE_ANCHORS, MAX_ANCHORS_PER_TILE)}
+    for name, (least, most) in ranges.items():
+        found = options[name]
+        assert isinstance(found, click.FloatRange | click.IntRange)
+        assert (found.min, found.max) == (least, most)
 
 
 def test_smaller_tiles_are_more_tiles(run: Run, tmp_path: Path) -> None:
@@ -174,3 +207,15 @@ def test_the_fence_needs_cameras_and_the_frame_may_be_left_to_the_encoder(run: R
     listing = files.in_json(files.inria(orbit_cameras(gaussians(300), 2, 64, 48)), tmp_path / "cameras.json")
     result = run("encode", ply, target, *FAST, "--cameras", listing, "--only-cameras", "--force")
     assert result.exit_code == 0, result.stderr
+
+
+def test_what_a_ply_says_travels_through_the_file(run: Run, tmp_path: Path) -> None:
+    """Render model, up axis and a coordinate reference with its origin."""
+    said = ["SplatRenderMode: mip", "Vertical Axis: z", "epsg 25832", "offsetx 500000.5", "offsety 0.0", "offsetz 0.0"]
+    source, coded, back = (tmp_path / name for name in ("a.ply", "a.scar", "b.ply"))
+    write_inria_ply(gaussians(300), source, comments=said)
+    assert run("encode", source, coded, *FAST, "--quiet").exit_code == 0
+    assert json.loads(run("inspect", coded, "--json").stdout)["render_model"] == "antialiased"
+    assert run("decode", coded, back, "--quiet").exit_code == 0
+    header = back.read_bytes().partition(b"end_header")[0].decode().splitlines()
+    assert [line.removeprefix("comment ") for line in header if line.startswith("comment ")] == said

@@ -24,7 +24,6 @@ FAST = ("--effort", 1, "--layers", 1, "--quality", 30, "--corrections", 0)
         ("--range-size", 5000),
         ("--work", "w", "--workers", 2, "--cluster", "tcp://localhost:8786"),
         ("--work", "w", "--range-size", 5),
-        ("--work", "w", "--viewpoints", 8),
         ("--work", "w", "--latent", "learned"),
     ],
 )
@@ -44,9 +43,8 @@ def test_a_scene_is_encoded_in_a_directory_and_not_a_second_time(run: Run, ply: 
     assert result.exit_code == 0, result.output
     data = (tmp_path / "a.scar").read_bytes()
     assert Container.open(BytesSource(data)).header.fields.source_count == 300
-    assert "measure: " in result.stderr
     assert "300 Gaussians in" in result.stderr
-    assert "quality from" in result.stderr
+    assert "looks like the source" in result.stderr
     again = run(*command, "--force")
     assert (again.exit_code, "work-exists" in again.stderr) == (2, True)
     other = run(*command, "--force", "--resume", "--seed", 5)

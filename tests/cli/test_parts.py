@@ -41,7 +41,7 @@ def test_a_box_and_the_rest_are_merged_to_the_file(run: Run, many_tiles: Path, t
 
 def corner(path: Path) -> tuple[tuple[float, ...], tuple[float, ...]]:
     """A box around the middle of the first tile."""
-    from reference_decoder.dequantise import tile_boxes
+    from reference_decoder.region import tile_boxes
     from scarfmt.container.file import Container
     from scarfmt.container.source import FileSource
     from scarfmt.scene.model import Lattice

@@ -10,11 +10,13 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from scarfmt.formats.export_ply import write_inria_ply
+from scarfmt.formats import load
+from scarfmt.formats.inria_ply import write_inria_ply
 from scarfmt.render.camera import Camera, orbit_cameras
 from scarfmt.render.images import read_image, write_png
 from scarfmt.render.metrics import psnr
 from scarfmt.render.rasterise import render
+from scarfmt.scene.gaussians import GaussianScene
 from tests.cli.conftest import Run, gaussians
 from tests.render.capture import files
 
@@ -46,10 +48,24 @@ def compare_json(run: Run, *arguments: object) -> dict:  # type: ignore[type-arg
     return json.loads(result.stdout)  # type: ignore[no-any-return]
 
 
+def test_scenes_that_lie_apart_are_warned_of(run: Run, ply: Path, tmp_path: Path) -> None:
+    """A format that cannot say its origin makes a file that no view shows."""
+    far = tmp_path / "far.ply"
+    scene = load(ply)
+    assert isinstance(scene, GaussianScene)
+    with far.open("wb") as file:
+        write_inria_ply(replace(scene, positions=scene.positions + 500.0), file)
+    assert "lie apart" in run("compare", ply, far, *SMALL).stderr
+    assert "lie apart" not in run("compare", ply, ply, *SMALL).stderr
+
+
 def test_a_scene_equals_itself(run: Run, ply: Path) -> None:
     result = compare_json(run, ply, ply, *SMALL)["results"]["b"]
     assert result["psnr_db"] == [None, None]  # infinite, which JSON cannot say
     assert result["ssim"] == [1.0, 1.0]
+    text = run("compare", ply, ply, *SMALL, "--no-ssim").stdout
+    assert "equal" in text
+    assert "inf" not in text
 
 
 def test_a_coded_scene_is_near_and_its_first_layer_less_so(run: Run, ply: Path, encoded: Path) -> None:
@@ -193,8 +209,3 @@ def test_pictures_that_exist_are_kept_unless_forced(run: Run, ply: Path, tmp_pat
     assert run("render", ply, target, "--size", "64x48", "--views", 1).exit_code == 2
     assert target.read_bytes() == b"precious"
     assert run("render", ply, target, "--size", "64x48", "--views", 1, "--force").exit_code == 0
-
-
-def test_an_impossible_frame_is_an_argument_error(run: Run, ply: Path, tmp_path: Path) -> None:
-    assert run("render", ply, tmp_path / "a.png", "--frame", "up").exit_code == 2
-    assert run("compare", ply, ply, "--frame", "-y:0:400").exit_code == 2

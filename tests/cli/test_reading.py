@@ -14,16 +14,10 @@ from scarfmt.container.file import Block, write_container
 from scarfmt.container.schema import BlockKind
 from scarfmt.container.source import BytesSource, FileSource
 from scarfmt.tools.truncate import truncate
-from tests.blocks.test_streaming import told
+from tests.blocks.test_streaming import random_boxes
 from tests.cli.conftest import Run
+from tests.formats.scene_files import inria_ply
 from tests.samples.container_samples import FIELDS
-
-
-def test_inspect_prints_a_table(run: Run, explicit_scar: Path) -> None:
-    result = run("inspect", explicit_scar)
-    assert result.exit_code == 0
-    assert "explicit profile" in result.stdout
-    assert result.stderr == ""
 
 
 def test_inspect_prints_json_alone_on_stdout(run: Run, explicit_scar: Path) -> None:
@@ -142,15 +136,22 @@ def test_metadata_that_no_stream_can_carry_is_refused_and_the_deepest_is_printed
             assert (done.exit_code, type(done.exception)) == (status, SystemExit if status else type(None))
 
 
-def test_inspect_shows_what_clients_are_told(run: Run, tmp_path: Path) -> None:
+def test_inspect_shows_the_boxes_and_the_view(run: Run, tmp_path: Path) -> None:
     """With --streaming alone, as text and as JSON, and that there is nothing."""
     scene = random_scene(5, anchors=40)
-    made = told(len(scene.tiles), len(scene.model.layers))
-    told_file, plain = tmp_path / "told.scar", tmp_path / "plain.scar"
-    told_file.write_bytes(write_scene(replace(scene, streaming=made)))
+    boxes, plain = tmp_path / "boxes.scar", tmp_path / "plain.scar"
+    boxes.write_bytes(write_scene(replace(scene, streaming=random_boxes(len(scene.tiles)))))
     plain.write_bytes(write_scene(scene))
-    report = json.loads(run("inspect", told_file, "--json", "--streaming").stdout)["streaming"]
-    assert (report["layers"], len(report["viewpoints"])) == (made.layers, 2)
-    assert "2 viewpoints" in run("inspect", told_file, "--streaming").stdout
-    assert "viewpoints" not in run("inspect", told_file).stdout
+    report = json.loads(run("inspect", boxes, "--json", "--streaming").stdout)["streaming"]
+    assert report["view"]["target"] == [0.0, 0.0, 0.0]
+    assert "tight boxes" in run("inspect", boxes, "--streaming").stdout
+    assert "tight boxes" not in run("inspect", boxes).stdout
     assert json.loads(run("inspect", plain, "--json", "--streaming").stdout)["streaming"] is None
+
+
+def test_inspect_reports_scenes_of_other_formats(run: Run, tmp_path: Path) -> None:
+    path = tmp_path / "scene.ply"
+    path.write_bytes(inria_ply(3, 9).replace(b"made for a test", b"SplatRenderMode: mip"))
+    report = json.loads(run("inspect", path, "--json").stdout)
+    assert report["format"] == "ply"
+    assert (report["gaussians"], report["sh_degree"], report["render_model"]) == (3, 1, "antialiased")

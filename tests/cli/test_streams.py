@@ -156,7 +156,7 @@ def test_a_silent_server_is_left_after_the_time_given(
     start = time.monotonic()
     with silent_server() as url:
         # 64 KiB, the first request, have 16 seconds of their own at the slowest rate; inspect asks for 4.
-        monkeypatch.setattr("scarfmt.container.remote.SLOWEST_BYTES_PER_SECOND", 1 << 20)
+        monkeypatch.setattr("scarfmt.container.source.SLOWEST_BYTES_PER_SECOND", 1 << 20)
         result = run(command[0], url, *command[1:], "--timeout", 0.3)
     assert result.exit_code == 1
     assert "input-source: cannot open http://127.0.0.1" in result.stderr

@@ -11,16 +11,14 @@ from click.testing import CliRunner
 from scarfmt.cli import cli
 from scarfmt.viewer import server as serving
 from tests.conftest import REPOSITORY
-from tests.scene_index.scenes import scene_folder
 
 SCENE = REPOSITORY / "web" / "test" / "data" / "toys.scar"
 
 
 @pytest.fixture
-def opened(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> list[str]:
+def opened(monkeypatch: pytest.MonkeyPatch) -> list[str]:
     """Addresses that a browser was sent to; nothing is served, and the page is a stand-in."""
-    (tmp_path / "index.html").write_text("<!doctype html>")
-    monkeypatch.setattr("scarfmt.viewer.offered.PAGE", tmp_path)
+    monkeypatch.setattr("scarfmt.viewer.offers.page_offers", dict)
     monkeypatch.setattr(serving, "serve", lambda server: server.server_close())
     addresses: list[str] = []
     monkeypatch.setattr(click, "launch", addresses.append)
@@ -67,15 +65,3 @@ def test_a_taken_port_is_one_clear_line(opened: list[str]) -> None:
         done = CliRunner().invoke(cli, ["view", str(SCENE), "--port", port])
     assert (done.exit_code, opened) == (1, [])
     assert f"port {port}" in done.output
-
-
-def test_an_index_is_served_with_its_files(
-    opened: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    offered: list[str] = []
-    monkeypatch.setattr(serving, "serve", lambda server: (offered.extend(server.offers), server.server_close()))
-    index = scene_folder(tmp_path)
-    done = CliRunner().invoke(cli, ["view", str(index)])
-    assert done.exit_code == 0, done.output
-    assert opened[0].endswith("/?url=/scenes/0/scene.scar.json")
-    assert {"/scenes/0/scene.scar.json", "/scenes/0/a.scar", "/scenes/0/deep/b.scar"} <= set(offered)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -11,7 +10,7 @@ from scarfmt.codecs.classes import get_classes, put_classes
 from scarfmt.container.schema import Stream
 from scarfmt.entropy.keys import TableKey
 from scarfmt.scene.model import MAX_CLASSES
-from tests.samples.codec_samples import Recorder, emitting, reader_of, refuses
+from tests.samples.codec_samples import Recorder, reader_of
 
 KEY = TableKey(Stream.CLASSES, 0, 0, 0)
 
@@ -32,15 +31,3 @@ def test_a_single_new_class_costs_nothing() -> None:
     recorder = Recorder()
     put_classes(recorder, np.full(9, 4), 4, 5)
     assert recorder.groups == []
-
-
-@pytest.mark.parametrize("symbol", [-1, 3, 2**31 - 1])
-def test_a_class_that_is_not_new_is_refused(symbol: int) -> None:
-    """Symbols count from the first new class; 3 of them are new here."""
-    refuses("bad-class", lambda: get_classes(emitting((KEY, [0, symbol])), 2, 2, 5))
-
-
-def test_anchors_in_a_layer_without_new_classes_are_refused() -> None:
-    """The directory says anchors appear, the layer table that none can."""
-    refuses("bad-class", lambda: get_classes(emitting(), 1, 3, 3))
-    assert get_classes(emitting(), 0, 3, 3).tolist() == []

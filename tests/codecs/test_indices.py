@@ -2,17 +2,14 @@
 
 from __future__ import annotations
 
-from functools import partial
-
 import numpy as np
-import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from scarfmt.codecs.indices import get_indices, put_indices
 from scarfmt.container.schema import Stream
 from scarfmt.entropy.keys import TableKey
-from tests.samples.codec_samples import Recorder, emitting, reader_of, refuses
+from tests.samples.codec_samples import Recorder, reader_of
 
 
 @settings(deadline=None)
@@ -39,25 +36,3 @@ def test_the_context_is_class_and_whether_the_stage_before_chose_0() -> None:
     key = TableKey(Stream.INDICES, 0, 0, 0)
     expected = [(1, 0, [0, 3]), (1, 32, [0]), (2, 0, [8]), (2, 1, [7]), (2, 33, [9])]
     assert recorder.groups == [(key._replace(component=s, context=c), values) for s, c, values in expected]
-
-
-def read(stage: int, symbol: int, sizes: tuple[int, int]) -> int:
-    """Read one stage of one anchor whose stage before chose codeword 1."""
-    reader = emitting((TableKey(Stream.INDICES, stage, 0, 0), [symbol]))
-    indices = np.ones((1, 2), np.int16)
-    before = np.array([stage - 1])
-    get_indices(reader, indices, np.zeros(1, np.int64), before, before + 1, sizes)
-    return int(indices[0, stage - 1])
-
-
-@pytest.mark.parametrize(("stage", "sizes"), [(1, (20, 9)), (2, (9, 20))])
-def test_each_stage_has_its_book(stage: int, sizes: tuple[int, int]) -> None:
-    """Stage 1 the coarse one, later ones the residual one."""
-    assert read(stage, 19, sizes) == 19
-    for symbol in (20, -1, 65536, 2**31 - 1):
-        refuses("bad-index", partial(read, stage, symbol, sizes))
-
-
-def test_an_empty_book_has_no_index() -> None:
-    """A file that sends a stage without its codebook cannot be read into nothing."""
-    refuses("bad-index", lambda: read(2, 0, (20, 0)))

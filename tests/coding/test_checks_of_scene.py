@@ -11,12 +11,11 @@ import pytest
 
 from fuzz.testing.scenes import random_scene
 from scarfmt.blocks.mlp import Linear, QuantisedMlp
-from scarfmt.coding.tile import TileContent, first_values
+from scarfmt.coding.tile import TileContent
 from scarfmt.coding.writer import QuantisedScene, write_scene
 from scarfmt.container.schema import Profile, Stream
 from scarfmt.errors import InvalidInput
-from scarfmt.scene.codebooks import Codebooks
-from scarfmt.scene.model import SceneModel
+from scarfmt.scene.model import Codebooks, SceneModel
 
 
 def sample() -> QuantisedScene:
@@ -32,12 +31,10 @@ SCENE = sample()
 SCALE = 1
 
 
-def changed(change: Callable[[TileContent, SceneModel], None], refresh: bool = True) -> QuantisedScene:
-    """The scene with its tile changed in place; its first-step values follow unless the caller says otherwise."""
+def changed(change: Callable[[TileContent, SceneModel], None]) -> QuantisedScene:
+    """The scene with its tile changed in place."""
     content = deepcopy(SCENE.contents[0])
     change(content, SCENE.model)
-    if refresh:
-        content.first = first_values(SCENE.model, content)
     return replace(SCENE, contents=(content,))
 
 
@@ -101,19 +98,9 @@ def _reordered(content: TileContent, order: np.ndarray) -> TileContent:
         content.codes[order],
         content.classes[order],
         [values[order] for values in content.values],
-        [values[order] for values in content.first],
         content.indices[order],
         content.slot_layers[order],
     )
-
-
-def test_first_values_of_other_values_are_not_written() -> None:
-    """Contexts come from them: a decoder, which derives them, would lose its way."""
-
-    def change(content: TileContent, _model: SceneModel) -> None:
-        content.first[SCALE][0] += 1
-
-    refuses(changed(change, refresh=False), "first-step")
 
 
 def network(inputs: int, outputs: int) -> QuantisedMlp:
@@ -127,7 +114,7 @@ def test_models_no_reader_would_accept_are_not_written() -> None:
     assert decoder is not None
     empty = books.residual[:0]
     wide = books.coarse.copy()
-    wide[0, 0] += 1 << 16
+    wide[0, 0] = 1 << 20
     far = books.coarse + (1 << 17)
     refuses(replace(SCENE, codebooks=None), "codebook 0")
     refuses(replace(SCENE, codebooks=Codebooks(books.coarse, empty)), "codebook 1")

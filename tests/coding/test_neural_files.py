@@ -12,15 +12,13 @@ from hypothesis import strategies as st
 from conformance.surgery.files import blocks_of, rebuilt
 from fuzz.testing.neural_scenes import neural_scene
 from fuzz.testing.strategies import neural_scenes
-from reference_decoder.backends import backend as engine_of
-from scarfmt.coding.engine import NUMPY_ENGINE
+from reference_decoder.decode import decode
 from scarfmt.coding.reader import ALL_STREAMS, SceneReader
 from scarfmt.coding.tile import TileContent
 from scarfmt.coding.writer import QuantisedScene, keep_layers, write_scene
 from scarfmt.container.schema import BlockKind, Profile, Stream
 from scarfmt.container.source import BytesSource
-from scarfmt.engines import best_engine
-from scarfmt.errors import InvalidInput, Malformed, ScarError
+from scarfmt.errors import Malformed, ScarError
 from scarfmt.scene.model import MAX_COMPONENTS
 from scarfmt.tools.truncate import truncate
 from scarfmt.tools.validate import validate
@@ -28,9 +26,9 @@ from scarfmt.tools.validate import validate
 SUBSETS = st.sets(st.sampled_from(sorted(ALL_STREAMS)))
 
 
-def read(data: bytes, layers: int | None = None, backend: str = "auto", threads: int = 1) -> list[TileContent]:
-    reader = SceneReader(BytesSource(data), engine=engine_of(backend))
-    return [content for _, content in reader.tiles(reader.models(layers), threads=threads)]
+def read(data: bytes, layers: int | None = None) -> list[TileContent]:
+    reader = SceneReader(BytesSource(data))
+    return [content for _, content in reader.tiles(reader.models(layers))]
 
 
 def assert_same(read: list[TileContent], expected: tuple[TileContent, ...]) -> None:
@@ -52,24 +50,17 @@ def test_what_networks_coded_comes_back(scene: QuantisedScene) -> None:
         assert truncate(BytesSource(data), layers) == write_scene(kept)
 
 
-@settings(deadline=None, max_examples=15)
-@given(neural_scenes(max_anchors=40), st.sampled_from(["torch", "numpy"]), st.integers(1, 4))
-def test_backend_and_threads_change_nothing(scene: QuantisedScene, backend: str, threads: int) -> None:
-    """Torch and NumPy, one thread or more: the same integers."""
-    assert_same(read(write_scene(scene), None, backend, threads), scene.contents)
-
-
 @settings(deadline=None, max_examples=12)
 @given(st.integers(0, 2**32 - 1), st.sampled_from(Profile), st.integers(1, MAX_COMPONENTS), st.booleans())
 @example(2, Profile.EXPLICIT, MAX_COMPONENTS, False)
 @example(5, Profile.ANCHOR, MAX_COMPONENTS, True)
 def test_predictors_of_latents_are_the_same_everywhere(seed: int, profile: Profile, size: int, network: bool) -> None:
-    """Every engine writes the same file and reads it back: latents of any width, with and without an index network."""
+    """The C library reads latents of any width, with and without an index network, as the definition does."""
     scene = neural_scene(seed, profile, anchors=60, latent=size, network=network)
-    data = write_scene(scene, engine=NUMPY_ENGINE)
-    assert write_scene(scene, engine=best_engine()) == data
-    for backend in ("auto", "numpy"):
-        assert_same(read(data, None, backend), scene.contents)
+    data = write_scene(scene)
+    assert_same(read(data), scene.contents)
+    both = [decode(data, native=native).arrays() for native in (True, False)]
+    assert all(map(np.array_equal, *both))
 
 
 @settings(deadline=None, max_examples=12)
@@ -130,11 +121,3 @@ def test_a_layer_of_mode_1_needs_its_network() -> None:
     with pytest.raises(Malformed) as caught:
         SceneReader(BytesSource(rebuilt(static, [*blocks_of(static), network]))).models()
     assert caught.value.refusal == "unexpected-block"
-
-
-def test_an_unknown_backend_is_refused() -> None:
-    """With the names there are."""
-    with pytest.raises(InvalidInput) as caught:
-        engine_of("abacus")
-    assert caught.value.refusal == "input-backend"
-    assert "numpy" in str(caught.value)

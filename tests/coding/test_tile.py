@@ -6,15 +6,13 @@ from collections.abc import Collection, Mapping
 from dataclasses import replace
 
 import numpy as np
-import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from fuzz.testing.scenes import random_scene
 from fuzz.testing.strategies import quantised_scenes
 from scarfmt.blocks.tables import fit_table
-from scarfmt.codecs.channels import coarsen
-from scarfmt.coding.tile import TileContent, first_values, get_layer, needed_streams, put_layer
+from scarfmt.coding.tile import TileContent, get_layer, needed_streams, put_layer
 from scarfmt.coding.writer import QuantisedScene, keep_layers
 from scarfmt.container.directory import TileFrame, tile_frame
 from scarfmt.container.schema import Profile, Stream
@@ -22,7 +20,7 @@ from scarfmt.entropy.emitters import SymbolCounter, SymbolWriter
 from scarfmt.entropy.keys import TableKey
 from scarfmt.entropy.symbol_reader import SymbolReader
 from scarfmt.entropy.symbol_tables import SymbolTable
-from scarfmt.scene.model import Channel, ContextRule, LayerRow, SceneModel
+from scarfmt.scene.model import Channel, LayerRow, SceneModel
 from tests.samples.codec_samples import refuses
 from tests.samples.contents import ATTRIBUTES, arrays_of, same_content
 
@@ -105,53 +103,26 @@ def test_leaving_attributes_out_changes_no_other(scene: QuantisedScene, wanted: 
             assert np.array_equal(content.values[index], expected)
 
 
-def chained() -> SceneModel:
-    """COLOUR's contexts come from OPACITY, whose come from SCALE; ROTATION stands alone."""
-
-    def one(stream: Stream, source: int | None = None) -> Channel:
-        return Channel(stream, (0.5,), (ContextRule() if source is None else ContextRule(True, source, 0),))
-
-    channels = (one(Stream.SCALE), one(Stream.ROTATION), one(Stream.OPACITY, 0), one(Stream.COLOUR, 2))
+def four_channels() -> SceneModel:
+    streams = Stream.SCALE, Stream.ROTATION, Stream.OPACITY, Stream.COLOUR
+    channels = tuple(Channel(stream, (0.5,)) for stream in streams)
     return SceneModel(Profile.EXPLICIT, 1, channels, (LayerRow((0,), ((1, 1, 1, 1),)),))
 
 
-@pytest.mark.parametrize(
-    ("wanted", "needed"),
-    [
-        (set(), set()),
-        ({Stream.COLOUR}, {Stream.SCALE, Stream.OPACITY, Stream.COLOUR}),
-        ({Stream.OPACITY, Stream.ROTATION}, {Stream.SCALE, Stream.ROTATION, Stream.OPACITY}),
-        ({Stream.SCALE, Stream.INDICES}, {Stream.SCALE}),
-    ],
-)
-def test_sources_of_sources_are_needed(wanted: set[Stream], needed: set[Stream]) -> None:
-    """A chain of contexts is followed to its start, and no further."""
-    assert needed_streams(chained(), wanted) == needed
-
-
-def test_first_values_are_the_coarsest_rounding() -> None:
-    """0 where a class never has the channel."""
-    rows = (LayerRow((0, 0, 0), ((1, 0, 1, 1), (3, 1, 0, 1), (0, 2, 1, 1))),)
-    model = replace(chained(), layers=rows)
-    content = TileContent.empty(model, 3)
-    content.classes = np.arange(3)
-    for values in content.values:
-        values[:, 0] = [14, -14, 4]
-    first = [array[:, 0].tolist() for array in first_values(model, content)]
-    assert first[0] == [14, int(coarsen(np.array([-14]), 2)[0]), 0]
-    assert first[1] == [0, -14, 1]
-    assert first[2] == [14, 0, 4]
+def test_without_predictors_nothing_but_what_is_wanted_is_needed() -> None:
+    wanted = {Stream.OPACITY, Stream.ROTATION}
+    assert needed_streams(four_channels(), wanted) == wanted
 
 
 def reading(
     new: int, streams: Mapping[Stream, bytes] | None = None, tables: Mapping[TableKey, SymbolTable] | None = None
 ) -> TileContent:
-    """Layer 1 of a tile of :func:`chained`, from crafted streams."""
+    """Layer 1 of a tile of :func:`four_channels`, from crafted streams."""
 
     def open_stream(stream: Stream) -> SymbolReader:
         return SymbolReader((streams or {}).get(stream, b""), tables or {})
 
-    model = chained()
+    model = four_channels()
     content = TileContent.empty(model, new)
     get_layer(model, 1, TileFrame(4), content, new, open_stream, ATTRIBUTES, (0, 0))
     return content
@@ -191,15 +162,13 @@ def test_the_head_of_a_tile_is_the_tile_itself() -> None:
 
 def test_a_position_residual_beyond_its_cell_is_refused_in_the_layer_that_sends_it() -> None:
     """Even where a later layer brings it back: a cut file must not break a rule that the whole one keeps."""
-    channels = (Channel(Stream.POSITION_RESIDUAL, (0.3,) * 3, (ContextRule(),) * 3),)
+    channels = (Channel(Stream.POSITION_RESIDUAL, (0.3,) * 3),)
     rows = (LayerRow((0,), ((1,),)), LayerRow((0,), ((2,),)))
     model = SceneModel(Profile.EXPLICIT, 1, channels, rows)
     content = TileContent.empty(model, 1)
     content.values[0][:] = 10  # 10 * 0.1 = 1 after both steps, but 3 * 0.3 = 0.9 after the first
-    content.first = first_values(model, content)
     assert decoded(model, content).values[0].tolist() == [[10, 10, 10]]
     content.values[0][0] = [0, 11, 0]  # 11 * 0.1 is out; after the first step it is 4 * 0.3 = 1.2
-    content.first = first_values(model, content)
     refuses("value-range", lambda: decoded(model, content, layers=1))
 
 

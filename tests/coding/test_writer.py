@@ -13,14 +13,14 @@ from conformance.surgery.files import blocks_of
 from fuzz.testing.scenes import random_scene
 from fuzz.testing.strategies import quantised_scenes
 from scarfmt.blocks.tables import unpack_tables
-from scarfmt.coding.tile import TileContent, first_values
+from scarfmt.coding.tile import TileContent
 from scarfmt.coding.writer import QuantisedScene, keep_layers, layer_counts, write_scene
 from scarfmt.container.bytefields import decompress
 from scarfmt.container.file import Container
 from scarfmt.container.schema import BlockKind, Profile, Stream
 from scarfmt.container.source import BytesSource
 from scarfmt.errors import InvalidInput
-from scarfmt.scene.model import Channel, ContextRule, LayerRow, SceneModel, first_layers
+from scarfmt.scene.model import Channel, LayerRow, SceneModel, first_layers
 from scarfmt.tools.truncate import truncate
 from tests.samples.contents import read_everything, same_content
 
@@ -107,7 +107,7 @@ def test_tables_are_sent_again_only_when_that_is_cheaper() -> None:
     """A later layer of the same statistics goes on with the tables it has; one of its own statistics does not."""
     rng = np.random.default_rng(5)
     base = random_scene(5, Profile.EXPLICIT, anchors=0, layers=1, tiles=1)
-    scale = Channel(Stream.SCALE, (0.5,) * 3, (ContextRule(False),) * 3)
+    scale = Channel(Stream.SCALE, (0.5,) * 3)
     model = SceneModel(Profile.EXPLICIT, 1, (scale,), (LayerRow((0,), ((1,),)), LayerRow((0, 0), ((1,), (1,)))))
     content = TileContent.empty(model, 4000)
     content.classes[2000:] = 1
@@ -115,7 +115,6 @@ def test_tables_are_sent_again_only_when_that_is_cheaper() -> None:
     scales = []
     for shift in (0, 50):
         content.values[0][2000:] += shift
-        content.first = first_values(model, content)
         scene = QuantisedScene(base.fields, model, base.tiles, (content,))
         blocks = {(b.kind, b.layer): b.payload for b in blocks_of(write_scene(scene))}
         later = blocks.get((BlockKind.TABLES, 2))
@@ -153,3 +152,13 @@ def test_scenes_that_do_not_fit_together_are_not_written() -> None:
     model = replace(scene.model, layers=(*rows, replace(rows[-1], stages=(9,) * rows[-1].class_count)))
     with pytest.raises(InvalidInput, match="bad-layer-table"):
         write_scene(replace(scene, model=model))
+
+
+@pytest.mark.parametrize("profile", list(Profile))
+def test_no_tile_block_is_written_for_nothing(profile: Profile) -> None:
+    """R-7.1-7: each has anchors or sub-streams."""
+    for seed in range(6):
+        container = Container.open(BytesSource(write_scene(random_scene(seed, profile))))
+        tiles = [entry for entry in container.entries if entry.kind == BlockKind.TILE]
+        assert tiles
+        assert all(entry.count or container.read_block(entry)[0] for entry in tiles)

@@ -5,22 +5,23 @@ from __future__ import annotations
 import copy
 import hashlib
 import json
-from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from pathlib import Path
 from typing import Any
 
 import pytest
 from jsonschema import Draft202012Validator, ValidationError
+from scarfmt_conformance.archive import expectation, members, names, unpacked
 
 from conformance.expect.features import RULES
-from conformance.expect.schemas import CLASSES
 from conformance.expect.stages import EXACT
-from conformance.generate import ROOT, VECTORS, generated, same, vector_files
-from conformance.scenes.valid_cases import valid_cases
-from tests.conformance.vector_files import FOLDERS, expectation_of, manifest, name_of
+from conformance.generate import ROOT, generated, same, written
 
-MOST_BYTES = 10_000_000
-SAMPLE = {"worked", "valid/explicit-refined", "valid/index-modes", "valid/anchors-neural", "edge/no-anchors"}
+
+def manifest() -> dict[str, Any]:
+    """``manifest.json``."""
+    found: dict[str, Any] = json.loads((ROOT / "manifest.json").read_text())
+    return found
 
 
 def validator(name: str) -> Draft202012Validator:
@@ -37,10 +38,10 @@ def test_the_manifest_keeps_its_schema() -> None:
 def test_every_expectation_keeps_its_schema() -> None:
     """The id of an expectation is also that of its folder."""
     schema = validator("expect.schema.json")
-    for folder in FOLDERS:
-        expect = expectation_of(folder)
+    for name in names():
+        expect = expectation(name)
         schema.validate(expect)
-        assert expect["id"] == name_of(folder)
+        assert expect["id"] == name
 
 
 def _set(*path: str | int, value: Any) -> Callable[[Any], None]:
@@ -70,7 +71,7 @@ def _set(*path: str | int, value: Any) -> Callable[[Any], None]:
 )
 def test_the_schema_of_expectations_is_tight(change: Callable[[Any], None]) -> None:
     """Each of these would mislead a runner."""
-    expect = expectation_of(VECTORS / "worked")
+    expect = expectation("worked")
     schema = validator("expect.schema.json")
     changed = copy.deepcopy(expect)
     change(changed)
@@ -83,9 +84,9 @@ def test_the_manifest_agrees_with_the_files() -> None:
     """Every vector, once, sorted; bytes, hash and what its expectation says."""
     rows = manifest()["vectors"]
     ids = [row["id"] for row in rows]
-    assert ids == sorted(set(ids)) == sorted(map(name_of, FOLDERS))
+    assert ids == sorted(set(ids)) == names()
     for row in rows:
-        data, expect = (ROOT / row["file"]).read_bytes(), json.loads((ROOT / row["expect"]).read_text())
+        data, expect = members(ROOT)[row["file"]], json.loads(members(ROOT)[row["expect"]])
         assert (row["bytes"], row["sha256"]) == (len(data), hashlib.sha256(data).hexdigest())
         assert expect["file"] == {"bytes": row["bytes"], "sha256": row["sha256"]}
         assert row["layers"] == len(expect.get("layers", []))
@@ -93,41 +94,35 @@ def test_the_manifest_agrees_with_the_files() -> None:
             assert row.get(name) == expect.get(name)
 
 
-def test_there_are_vectors_of_every_class_and_not_too_many_bytes() -> None:
-    counts = Counter(row["class"] for row in manifest()["vectors"])
-    assert set(counts) == set(CLASSES)
-    assert sum(counts.values()) >= 150
-    assert sum(path.stat().st_size for path in VECTORS.rglob("*") if path.is_file()) < MOST_BYTES
-
-
 def test_layers_are_pinned_from_the_first_on() -> None:
     """Cumulative after every layer; the container and activated values with the last only."""
-    for folder in FOLDERS:
-        layers = expectation_of(folder).get("layers", [])
+    for name in names():
+        layers = expectation(name).get("layers", [])
         assert [layer["layer"] for layer in layers] == list(range(1, len(layers) + 1))
         for layer in layers:
             assert ("container" in layer["stages"]) == (layer is layers[-1])
             assert "activated" not in layer["stages"] or layer is layers[-1]
 
 
-def test_the_generator_makes_the_same_bytes_twice() -> None:
-    """A sample of vectors is made from its plans twice."""
-    first, second = ([vector_files(case) for case in valid_cases(SAMPLE)] for _ in range(2))
-    assert len(first) == len(SAMPLE)
-    assert first == second
-
-
 def test_the_generator_makes_exactly_the_files_committed() -> None:
     """Nothing is edited by hand, nothing is left over."""
     files, _ = generated([])
-    assert [name for name, content in files.items() if not same(ROOT / name, content)] == []
-    assert {path.relative_to(ROOT).as_posix() for path in VECTORS.rglob("*") if path.is_file()} <= set(files)
+    there = written()
+    assert [name for name, content in files.items() if not same(name, there.get(name), content)] == []
+    assert set(there) == set(files)
 
 
 def test_features_that_stand_for_rules_occur() -> None:
     """Else a rule without a refusal id would have no vector, unnoticed."""
     found = {feature for row in manifest()["vectors"] for feature in row["features"]}
     assert set(RULES) <= found
+
+
+@pytest.fixture(scope="module")
+def suite() -> Iterator[Path]:
+    """The suite as files."""
+    with unpacked(ROOT) as folder:
+        yield folder
 
 
 def _readme_program() -> str:
@@ -138,15 +133,17 @@ def _readme_program() -> str:
 
 def _all_right(file: str, layer: int, _stage: str) -> dict[str, Any]:
     """The answer that is expected of a vector."""
-    expect = json.loads((ROOT / file).with_name("expect.json").read_text())
+    expect = json.loads(Path(file).with_name("expect.json").read_text())
     if expect["result"] == "decoded":
         return {"stages": expect["layers"][layer - 1]["stages"]}
     return {"refused": expect.get("refusal") or expect["refusals"][0]}
 
 
-def test_the_program_of_the_readme_scores(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_program_of_the_readme_scores(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], suite: Path
+) -> None:
     """Nothing to say of a right decoder, one line for one wrong array, one for a file taken that is to be refused."""
-    monkeypatch.chdir(ROOT)
+    monkeypatch.chdir(suite)
     names = {"json": json, "EXACT": EXACT, "ASIDE": ("metadata", "streaming")}
     exec(_readme_program(), {**names, "ask": _all_right})
     assert capsys.readouterr().out == ""

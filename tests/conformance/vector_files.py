@@ -1,28 +1,30 @@
-"""The vectors on disk, for the tests."""
+"""Vectors as files and as a suite, for the tests."""
 
 from __future__ import annotations
 
-import json
+import atexit
+import shutil
+import tempfile
+from functools import cache
 from pathlib import Path
-from typing import Any
 
-from conformance.generate import ROOT, VECTORS
-
-FOLDERS = sorted(path.parent for path in VECTORS.glob("**/expect.json"))
+from scarfmt_conformance.archive import expectation, read
 
 
-def name_of(folder: Path) -> str:
-    """The id of a vector."""
-    return folder.relative_to(VECTORS).as_posix()
+@cache
+def _folder() -> Path:
+    folder = Path(tempfile.mkdtemp(prefix="scar-vectors-"))
+    atexit.register(shutil.rmtree, folder)
+    return folder
 
 
-def expectation_of(folder: Path) -> dict[str, Any]:
-    """The ``expect.json`` of a vector."""
-    found: dict[str, Any] = json.loads((folder / "expect.json").read_text())
-    return found
-
-
-def manifest() -> dict[str, Any]:
-    """``manifest.json``."""
-    found: dict[str, Any] = json.loads((ROOT / "manifest.json").read_text())
-    return found
+@cache
+def vector_file(id_: str) -> Path:
+    """The scene of a vector as a file, with the zeros that `extend_to` of its expectation says (sparse)."""
+    path = _folder() / f"{id_.replace('/', '-')}.scar"
+    path.write_bytes(read(id_))
+    length = expectation(id_).get("extend_to", 0)
+    if length:
+        with path.open("r+b") as file:
+            file.truncate(length)
+    return path

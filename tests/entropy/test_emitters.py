@@ -12,7 +12,6 @@ from scarfmt.arrays import Ints
 from scarfmt.blocks.tables import fit_table
 from scarfmt.entropy.emitters import Emitter, SymbolCounter, SymbolWriter
 from scarfmt.entropy.keys import StepKey, TableKey
-from scarfmt.entropy.rans import PureRansDecoder
 from scarfmt.entropy.recorded import SymbolRecorder
 from scarfmt.entropy.symbol_reader import SymbolReader
 from scarfmt.errors import InvalidInput, Malformed
@@ -36,12 +35,12 @@ def test_groups_go_by_ascending_context_and_keep_their_order() -> None:
 @settings(deadline=None)
 @given(st.lists(st.tuples(st.integers(0, 255), st.integers(-EDGE, EDGE)), max_size=60))
 def test_values_come_back_from_their_contexts(pairs: list[tuple[int, int]]) -> None:
-    """Through both decoders, whatever the contexts and values."""
+    """Whatever the contexts and values."""
     contexts, values = np.array([p[0] for p in pairs], np.int64), np.array([p[1] for p in pairs], np.int64)
     data, fitted = coded(lambda emitter: put_contexts(emitter, contexts, values))
-    for reader in (SymbolReader(data, fitted), SymbolReader(data, fitted, PureRansDecoder(data))):
-        assert reader.read_by_context(KEY, contexts).tolist() == values.tolist()
-        reader.finish()
+    reader = SymbolReader(data, fitted)
+    assert reader.read_by_context(KEY, contexts).tolist() == values.tolist()
+    reader.finish()
 
 
 def test_counting_and_coding_agree() -> None:
@@ -188,7 +187,7 @@ def test_writers_and_recorders_of_many_groups(calls: list[tuple[Ints, Ints]]) ->
             each.emit(STEP.table(kind), values[kinds == kind])
     data = together.finish()
     assert data == each.finish() == recorded.code(known)
-    for reader in (SymbolReader(data, known), SymbolReader(data, known, PureRansDecoder(data))):
-        for kinds, values in calls:
-            assert reader.read_grouped(STEP, kinds).tolist() == values.tolist()
-        reader.finish()
+    reader = SymbolReader(data, known)
+    for kinds, values in calls:
+        assert reader.read_grouped(STEP, kinds).tolist() == values.tolist()
+    reader.finish()

@@ -6,16 +6,29 @@ import base64
 import gzip
 import io
 import json
+import math
 import struct
 import zipfile
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import zstandard
+from hypothesis import strategies as st
 from numpy.typing import NDArray
 from PIL import Image
 
+from scarfmt.formats import load
+from scarfmt.scene.gaussians import GaussianScene
+
 HALF_SQRT = np.sqrt(0.5)
+
+
+def read_scene(content: str | Path | bytes, *, format: str | None = None) -> GaussianScene:
+    """The Gaussians of a file or its content."""
+    scene = load(content, format=format)
+    assert isinstance(scene, GaussianScene)
+    return scene
 
 
 def unit_quaternions(count: int, seed: int = 3) -> NDArray[np.float64]:
@@ -23,7 +36,8 @@ def unit_quaternions(count: int, seed: int = 3) -> NDArray[np.float64]:
     rng = np.random.default_rng(seed)
     q = rng.normal(size=(count, 4)) * 0.3
     q[np.arange(count), np.arange(count) % 4] += 2.0
-    return q / np.linalg.norm(q, axis=1, keepdims=True)
+    unit: NDArray[np.float64] = q / np.linalg.norm(q, axis=1, keepdims=True)
+    return unit
 
 
 Properties = list[tuple[str, str]]
@@ -38,7 +52,7 @@ def ply(properties: Properties, rows: NDArray[np.float64], *, form: str = "littl
     if form == "ascii":
         return (head + "".join(" ".join(repr(float(v)) for v in row) + "\n" for row in rows)).encode()
     order = "<" if form == "little" else ">"
-    kinds = {"float": "f4", "double": "f8", "uchar": "u1", "int": "i4"}
+    kinds = {"float": "f4", "double": "f8", "uchar": "u1", "ushort": "u2", "int": "i4"}
     table = np.zeros(len(rows), [(name, order + kinds[kind]) for kind, name in properties])
     for column, (_, name) in enumerate(properties):
         table[name] = rows[:, column]
@@ -87,9 +101,32 @@ def compressed_ply(count: int = 300, *, colour_bounds: bool = True, rest: int = 
 def splat(count: int = 4) -> bytes:
     rows = b""
     for i in range(count):
-        rows += struct.pack("<6f", i, -i, 0.5, 1.0, np.e, 1 / np.e) + bytes([0, 255, 51, 255 * (i % 2)])
+        rows += struct.pack("<6f", i, -i, 0.5, 1.0, math.e, 1 / math.e) + bytes([0, 255, 51, 255 * (i % 2)])
         rows += bytes([255, 128, 0, 64])
     return rows
+
+
+def ksplat(degrees: tuple[int, ...] = (1,), level: int = 1) -> bytes:
+    """A .ksplat with a section of 5 Gaussians for each degree, in a full bucket of 3 and one of 2; see its test."""
+    position, real, harmonic = (("<f4", "<f4", "<f4"), ("<u2", "<f2", "<f2"), ("<u2", "<f2", "u1"))[level]
+    row = np.arange(5)
+    headers, bodies = b"", b""
+    for degree in degrees:
+        kinds = [("position", position, 3), ("scale", real, 3), ("rotation", real, 4), ("colour", "u1", 4)]
+        rows = np.zeros(5, np.dtype([*kinds, ("sh", harmonic, (3 * ((degree + 1) ** 2 - 1),))]))
+        rows["position"] = row[:, None] + np.arange(3) if level == 0 else 32767 + row[:, None]
+        rows["scale"] = [0.5, 1.0, 2.0]
+        rows["rotation"] = unit_quaternions(5)
+        rows["colour"] = [0, 255, 51, 128]
+        rows["sh"] = np.arange(rows["sh"].shape[1])
+        buckets = b"" if level == 0 else struct.pack("<I6f", 2, 10, 20, 30, -10, -20, -30)
+        lengths = (0, 0, 0.0, 0) if level == 0 else (3, 2, 5.0, 12)
+        counts = (0, 0, 0, 0) if level == 0 else (32767, 0, 1, 1)
+        headers += (struct.pack("<2I2IfH2x", 5, 5, *lengths) + struct.pack("<4IH", *counts, degree)).ljust(1024, b"\0")
+        bodies += buckets + rows.tobytes()
+    count, total = len(degrees), 5 * len(degrees)
+    head = struct.pack("<4B4IH2x3f2f", 0, 1, 0, 0, count, count, total, total, level, 0, 0, 0, -1, 3)
+    return head.ljust(4096, b"\0") + headers + bodies
 
 
 def spz(version: int, count: int = 7, degree: int = 1, *, extension: bytes = b"", trailing: bytes = b"") -> bytes:
@@ -239,7 +276,8 @@ def gltf_document(count: int = 4, degree: int = 1) -> tuple[dict[str, Any], byte
     for band in range(degree + 1):
         for number in range(2 * band + 1):
             arrays[name(f"SH_DEGREE_{band}_COEF_{number}")] = ("VEC3", row + band + number / 8 + np.arange(3) / 64)
-    data, views, accessors, attributes = b"", [], [], {}
+    views: list[dict[str, Any]] = []
+    data, accessors, attributes = b"", [], {}
     for attribute, (kind, values) in arrays.items():
         attributes[attribute] = len(views)
         accessors.append({"bufferView": len(views), "componentType": 5126, "count": count, "type": kind})
@@ -284,8 +322,47 @@ EXAMPLES: dict[str, bytes] = {
     "spz v4": spz(4),
     "sog": zipped(sog_files()),
     "anchor-npz": anchor_npz(),
+    "ksplat": ksplat(),
     "splat": splat(),
     "gltf glb": glb(*gltf_document()),
     "gltf json": gltf(*gltf_document(2, 0)),
 }
 """A small valid file of every format, by format id and variant."""
+
+
+def odd_scene(seed: int, count: int, degree: int, *, reach: float = 1e4) -> GaussianScene:
+    """A scene of `count` Gaussians, an eighth of which are odd in each attribute.
+
+    Args:
+        seed: of its numbers.
+        count: of its Gaussians.
+        degree: of its spherical harmonics.
+        reach: where outliers lie.
+    """
+    rng = np.random.default_rng(seed)
+
+    def some() -> np.ndarray:
+        return rng.random(count) < 1 / 8
+
+    positions = rng.normal(size=(count, 3))
+    positions[some()] *= reach / 4
+    log_scales = rng.uniform(-12, 5, (count, 3))
+    log_scales[some(), 2] = -400.0  # a size of zero
+    rotations = rng.normal(size=(count, 4)) * 10.0 ** rng.uniform(-30, 15, (count, 1))
+    rotations[some()] = 0.0
+    logits = rng.normal(size=count) * 4
+    logits[some()] = 400.0
+    logits[some()] = -400.0
+    sh = rng.normal(size=(count, (degree + 1) ** 2, 3)) * 0.4
+    sh[some()] *= 12
+    return GaussianScene(
+        np.clip(positions, -reach, reach).astype(np.float32).astype(np.float64),
+        log_scales.astype(np.float32),
+        rotations.astype(np.float32),
+        logits.astype(np.float32),
+        sh.astype(np.float32),
+    )
+
+
+odd_scenes = st.builds(odd_scene, st.integers(0, 2**32), st.integers(1, 600), st.integers(0, 3))
+"""Scenes of less than a chunk of a compressed PLY to more than two."""

@@ -2,15 +2,21 @@
 
 from __future__ import annotations
 
+import warnings
+
 import numpy as np
 import pytest
 
-from scarfmt.errors import InvalidInput
+from scarfmt.errors import InputWarning, InvalidInput
 from scarfmt.formats.clean import MAX_COEFFICIENT, clean
+from scarfmt.formats.quantise import opacities
 from scarfmt.scene.gaussians import AnchorModel, GaussianScene, Mlp
+from tests.samples.codec_samples import refuses
 
 ATTRIBUTES = ("positions", "log_scales", "rotations", "opacity_logits", "sh")
 ANCHOR_ATTRIBUTES = ("anchors", "features", "offsets", "log_scaling")
+
+EDGES = {("opacity_logits", np.inf), ("opacity_logits", -np.inf), ("log_scales", -np.inf)}
 
 
 def scene(count: int = 5) -> GaussianScene:
@@ -37,32 +43,68 @@ def test_good_scene_is_returned_itself(good: GaussianScene | AnchorModel) -> Non
 @pytest.mark.parametrize("empty", [scene(0), model(0)])
 @pytest.mark.parametrize("drop", [False, True])
 def test_empty_scene_is_refused(empty: GaussianScene | AnchorModel, drop: bool) -> None:
-    with pytest.raises(InvalidInput) as caught:
-        clean(empty, drop_invalid=drop)
-    assert caught.value.refusal == "input-empty"
+    refuses("input-empty", lambda: clean(empty, drop_invalid=drop))
 
 
 @pytest.mark.parametrize("attribute", ATTRIBUTES + ANCHOR_ATTRIBUTES)
 @pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
 def test_not_finite_is_refused_with_count_and_place_or_dropped(attribute: str, value: float) -> None:
+    if (attribute, value) in EDGES:
+        return
     damaged = scene() if attribute in ATTRIBUTES else model()
     getattr(damaged, attribute)[[1, 3], ...] = value
     with pytest.raises(InvalidInput, match=r"2 of 5 rows.*first is row 1.*--drop-invalid") as caught:
         clean(damaged)
     assert caught.value.refusal == "input-not-finite"
-    kept, dropped = clean(damaged, drop_invalid=True)
+    with warnings.catch_warnings(record=True) as told:
+        kept, dropped = clean(damaged, drop_invalid=True)
     assert dropped == 2
+    if attribute in ATTRIBUTES:
+        seen = "none of them visible" if attribute == "opacity_logits" else "2 of these 2 visible"
+        assert seen in str(caught.value)
+        assert seen in str(told[0].message)
     names = ATTRIBUTES if isinstance(damaged, GaussianScene) else (*ANCHOR_ATTRIBUTES, "slot_mask")
     for name in names:
         np.testing.assert_array_equal(getattr(kept, name), getattr(damaged, name)[[0, 2, 4]])
 
 
+def test_infinities_that_mean_something_are_values() -> None:
+    """Exporters write logit(1) as inf and log(0) as -inf: these rows are the most visible ones of a scene."""
+    edge = scene()
+    edge.opacity_logits[[0, 1]] = np.inf, -np.inf
+    edge.log_scales[2, 1] = -np.inf
+    with pytest.warns(InputWarning) as told:
+        kept, dropped = clean(edge)
+    assert dropped == 0
+    assert not kept.invalid_rows().any()
+    assert [str(warning.message).split(":")[0] for warning in told] == [
+        "2 of 5 Gaussians have an infinite opacity logit",
+        "1 of 5 Gaussians have a size of 0 along an axis",
+    ]
+    np.testing.assert_allclose(opacities(kept.opacity_logits)[:2], [1, 0], atol=1e-8)
+    assert np.exp(kept.log_scales[2, 1]) < 1e-8
+    np.testing.assert_array_equal(kept.log_scales[2, [0, 2]], edge.log_scales[2, [0, 2]])
+    assert np.isinf(edge.opacity_logits[0]), "the scene that was given is not changed"
+
+
+def test_rows_of_zeros_are_counted_and_kept() -> None:
+    zeros = scene()
+    zeros.positions[0] = zeros.positions[3] = 0
+    for values in (zeros.log_scales, zeros.rotations, zeros.opacity_logits, zeros.sh):
+        values[[0, 3]] = 0
+    zeros.rotations[1] = 0
+    with pytest.warns(InputWarning) as told:
+        assert clean(zeros) == (zeros, 0)
+    assert [str(warning.message)[:42] for warning in told] == [
+        "2 of 5 Gaussians are rows of zeros, as som",
+        "1 of 5 Gaussians have a rotation of length",
+    ]
+
+
 def test_nothing_left_is_an_empty_scene() -> None:
     damaged = scene()
     damaged.positions[:] = np.nan
-    with pytest.raises(InvalidInput) as caught:
-        clean(damaged, drop_invalid=True)
-    assert caught.value.refusal == "input-empty"
+    refuses("input-empty", lambda: clean(damaged, drop_invalid=True))
 
 
 def test_damaged_network_cannot_be_dropped() -> None:

@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
+import gzip
 import os
 import threading
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from scarfmt.errors import InvalidInput
 from scarfmt.formats import FORMATS, detect, load
 from scarfmt.formats.source import Source
 from scarfmt.scene.gaussians import AnchorModel, GaussianScene
-from tests.formats.scene_files import EXAMPLES, sog_files
+from tests.formats.scene_files import EXAMPLES, read_scene, zipped
+from tests.samples.codec_samples import refuses
 
 MARKED = {name: data for name, data in EXAMPLES.items() if name != "splat"}
 
@@ -54,7 +57,7 @@ def test_bytes_and_path_give_the_same_scene(name: str, tmp_path: Path) -> None:
         assert (from_path.positions == from_bytes.positions).all()
 
 
-@pytest.mark.parametrize("given", [b"", b"hello, this is no scene", b"\x00" * 64, b"\x1f\x8b\x08nonsense", b"{}"])
+@pytest.mark.parametrize("given", [b"hello, this is no scene", b"\x00" * 64, b"{}"])
 def test_unknown_content_is_refused_with_the_list_of_formats(given: bytes) -> None:
     with pytest.raises(InvalidInput) as caught:
         load(given)
@@ -62,22 +65,50 @@ def test_unknown_content_is_refused_with_the_list_of_formats(given: bytes) -> No
     assert all(known.id in caught.value.message for known in FORMATS)
 
 
+@pytest.mark.parametrize(
+    ("given", "said"),
+    [
+        (b"", "an empty file"),
+        (b"<!DOCTYPE html><html>", "a web page"),
+        (b"version https://git-lfs.github.com/spec/v1\n", "git lfs pull"),
+        (b"PXR-USDC\0\0", "USD"),
+        (b"RAD0\0\0\0\0", ".rad"),
+        (zipped({"scene.usdc": b"PXR-USDC"}), "USD"),
+        (zipped({"archive/data.pkl": b""}), "checkpoint of PyTorch"),
+        (zipped({"readme.txt": b"hello"}), "no scene in it: readme.txt"),
+        (zipped({"a.ply": b"", "b.ply": b""}), "2 scenes, a.ply, b.ply"),
+    ],
+)
+def test_what_is_no_scene_is_named(given: bytes, said: str) -> None:
+    with pytest.raises(InvalidInput, match=said) as caught:
+        load(given)
+    assert caught.value.refusal == "input-format"
+
+
+@pytest.mark.parametrize("name", ["ply", "spz v3", "splat", "sog"])
+def test_a_packed_scene_is_unpacked(name: str, tmp_path: Path) -> None:
+    data = EXAMPLES[name]
+    ending = name.split()[0]
+    added = {"readme.txt": b"hello", "__MACOSX/._scene.ply": b"macOS adds such files"}
+    for file, packed in (("scene.zip", zipped({f"export/scene.{ending}": data} | added)), ("gz", gzip.compress(data))):
+        path = tmp_path / (file if file != "gz" else f"scene.{ending}.gz")
+        path.write_bytes(packed)
+        np.testing.assert_array_equal(read_scene(path).positions, read_scene(data, format=ending).positions)
+
+
+def test_an_archive_that_unpacks_to_far_more_than_a_scene_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("scarfmt.formats.packed.FREE_BYTES", 1000)
+    refuses("input-limit", lambda: load(gzip.compress(bytes(100_000))))
+
+
 def test_unknown_format_id_is_refused_with_the_list_of_formats() -> None:
-    with pytest.raises(InvalidInput, match=r"ksplat.*compressed-ply.*spz") as caught:
-        load(b"", format="ksplat")
+    with pytest.raises(InvalidInput, match=r"rad.*compressed-ply.*spz") as caught:
+        load(b"", format="rad")
     assert caught.value.refusal == "input-format"
 
 
 def test_missing_file_is_an_input_error(tmp_path: Path) -> None:
-    with pytest.raises(InvalidInput) as caught:
-        load(tmp_path / "absent.ply")
-    assert caught.value.refusal == "input-unreadable"
-
-
-def test_directory_of_an_unbundled_sog(tmp_path: Path) -> None:
-    for name, data in sog_files().items():
-        (tmp_path / name).write_bytes(data)
-    assert len(load(tmp_path)) == len(load(tmp_path / "meta.json")) == 6
+    refuses("input-unreadable", lambda: load(tmp_path / "absent.ply"))
 
 
 @pytest.mark.scene
@@ -97,8 +128,7 @@ def test_directory_of_an_unbundled_sog(tmp_path: Path) -> None:
     ],
 )
 def test_real_scenes_have_their_published_counts(shared_data: Path, name: str, count: int, degree: int) -> None:
-    scene = load(shared_data / "splats" / name)
-    assert isinstance(scene, GaussianScene)
+    scene = read_scene(shared_data / "splats" / name)
     assert (len(scene), scene.sh_degree) == (count, degree)
     assert not scene.invalid_rows().any()
 

@@ -15,20 +15,20 @@ import pytest
 import zstandard
 
 from benchmarks import rivals_tools
-from benchmarks.rivals_tools import measured, splat_transform
+from benchmarks.rivals_tools import run_command, splat_transform
 from benchmarks.scenes import REPOSITORY
-from reference_decoder.request import DecodeRequest
+from reference_decoder.decode import DecodeRequest
 from reference_decoder.stream_gaussians import stream_gaussians
-from reference_decoder.stream_ply import export_ply
 from reference_encoder.options import EncodeOptions
 from scarfmt.api import encode
-from scarfmt.formats import load
-from scarfmt.formats.export_spz import SpzOptions
+from scarfmt.container.source import open_source
 from scarfmt.formats.frame import RUB_TO_RDF, flip_axes
 from scarfmt.formats.outputs import OutputOptions, write_parts
 from scarfmt.formats.quantise import opacities
+from scarfmt.formats.spz import SpzOptions
 from scarfmt.scene.gaussians import GaussianScene
 from scarfmt.scene.rotation import matrix_from_quaternion
+from tests.formats.scene_files import read_scene
 
 pytestmark = [
     pytest.mark.skipif(shutil.which("node") is None, reason="node is not installed"),
@@ -51,21 +51,15 @@ def scar(folder: Path) -> Path:
     options = EncodeOptions(effort=1, corrections=0, layers=2)
     path = folder / "scene.scar"
     path.write_bytes(encode(REPOSITORY / "examples" / "plush-toys.ply", options))
-    export_ply(path, folder / "scene.ply")
+    written(path, "ply").rename(folder / "scene.ply")
     return path
-
-
-def explicit(path: Path) -> GaussianScene:
-    scene = load(path)
-    assert isinstance(scene, GaussianScene)
-    return scene
 
 
 def written(scar: Path, format_id: str, options: SpzOptions | None = None) -> Path:
     """The scene of a .scar file in another format, as `scarfmt decode` writes it."""
     version = "" if options is None else f"-{options.version}"
     path = scar.with_name(f"out{version}.{'compressed.ply' if format_id == 'compressed-ply' else format_id}")
-    described, parts = stream_gaussians(scar, DecodeRequest())
+    described, parts = stream_gaussians(open_source(scar), DecodeRequest())
     with path.open("wb") as target:
         write_parts(format_id, parts, described, target, OutputOptions(options or SpzOptions()))
     return path
@@ -74,8 +68,8 @@ def written(scar: Path, format_id: str, options: SpzOptions | None = None) -> Pa
 def through_the_judge(path: Path) -> GaussianScene:
     """The PLY that splat-transform makes of a file."""
     out = path.with_name(f"{path.name}.judged.ply")
-    measured(splat_transform(str(path), str(out)))
-    return explicit(out)
+    run_command(splat_transform(str(path), str(out)))
+    return read_scene(out)
 
 
 def assert_same(a: GaussianScene, b: GaussianScene, opacity: float = 1e-6) -> None:
@@ -94,20 +88,20 @@ def axes(quaternions: np.ndarray) -> np.ndarray:
 
 def test_its_ply_of_our_ply(scar: Path) -> None:
     ours = scar.with_name("scene.ply")
-    assert_same(through_the_judge(ours), explicit(ours))
+    assert_same(through_the_judge(ours), read_scene(ours))
 
 
 def test_it_reads_our_compressed_ply_as_we_do(scar: Path) -> None:
     """Opacities of 0 and 255 it reads as a little more than nothing and less than all: half a step from ours."""
     path = written(scar, "compressed-ply")
-    assert_same(through_the_judge(path), explicit(path), 0.5 / 255 + 1e-6)
+    assert_same(through_the_judge(path), read_scene(path), 0.5 / 255 + 1e-6)
 
 
 @pytest.mark.parametrize("version", [3, 4])
 def test_it_reads_our_spz_as_we_do(scar: Path, version: int) -> None:
     """The outside reader takes the axes of an SPZ for those of a PLY, so it sees the scene turned."""
     path = written(scar, "spz", SpzOptions(version))
-    assert_same(flip_axes(through_the_judge(path), RUB_TO_RDF), explicit(path), 0.5 / 255 + 1e-6)
+    assert_same(flip_axes(through_the_judge(path), RUB_TO_RDF), read_scene(path), 0.5 / 255 + 1e-6)
 
 
 def spz_streams(path: Path) -> list[bytes]:
@@ -129,10 +123,10 @@ def test_our_spz_has_the_bytes_of_the_library_of_the_format(scar: Path) -> None:
     """
     ply = scar.with_name("scene.ply")
     theirs, ours = scar.with_name("theirs.spz"), scar.with_name("ours.spz")
-    measured(splat_transform(str(ply), str(theirs), SPZ_SH1_BITS="8", SPZ_SH_REST_BITS="8"))
-    as_rub = flip_axes(explicit(ply), RUB_TO_RDF)  # what the writer will turn back
+    run_command(splat_transform(str(ply), str(theirs), SPZ_SH1_BITS="8", SPZ_SH_REST_BITS="8"))
+    as_rub = flip_axes(read_scene(ply), RUB_TO_RDF)  # what the writer will turn back
     with ours.open("wb") as target:
-        described, _ = stream_gaussians(scar, DecodeRequest())
+        described, _ = stream_gaussians(open_source(scar), DecodeRequest())
         write_parts("spz", [as_rub], described, target, OutputOptions(SpzOptions(4, 12, (8, 8))))
     header, *expected = spz_streams(theirs)
     own_header, *found = spz_streams(ours)
@@ -163,7 +157,7 @@ def test_our_glb_has_the_attributes_of_its_glb(scar: Path) -> None:
     """The outside program writes glTF but does not read it. It keeps the length of quaternions, and writes vertex
     colours in sRGB."""
     theirs = scar.with_name("theirs.glb")
-    measured(splat_transform(str(scar.with_name("scene.ply")), str(theirs)))
+    run_command(splat_transform(str(scar.with_name("scene.ply")), str(theirs)))
     expected, found = gltf_attributes(theirs), gltf_attributes(written(scar, "glb"))
     assert found.keys() == expected.keys()
     for name in found.keys() - {"COLOR_0", "KHR_gaussian_splatting:ROTATION"}:
@@ -175,5 +169,5 @@ def test_our_glb_has_the_attributes_of_its_glb(scar: Path) -> None:
 
 def test_we_read_its_glb_as_the_ply_it_was_made_of(scar: Path) -> None:
     theirs = scar.with_name("theirs-in.glb")
-    measured(splat_transform(str(scar.with_name("scene.ply")), str(theirs)))
-    assert_same(explicit(theirs), explicit(scar.with_name("scene.ply")))
+    run_command(splat_transform(str(scar.with_name("scene.ply")), str(theirs)))
+    assert_same(read_scene(theirs), read_scene(scar.with_name("scene.ply")))

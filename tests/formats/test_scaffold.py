@@ -22,6 +22,7 @@ from scarfmt.render.camera import look_at
 from scarfmt.render.rasterise import render
 from scarfmt.scene.gaussians import AnchorModel, Mlp
 from tests.reference_decoder.models import random_model
+from tests.samples.codec_samples import refuses
 
 torch = pytest.importorskip("torch", reason="writes checkpoints as trainers do: needs the extra neural")
 
@@ -176,9 +177,7 @@ def test_networks_of_other_inputs_are_refused(tmp_path: Path) -> None:
 
 def test_points_alone_are_told_what_they_lack(tmp_path: Path) -> None:
     write_points(source_model(), tmp_path)
-    with pytest.raises(InvalidInput) as caught:
-        load((tmp_path / "point_cloud.ply").read_bytes())
-    assert caught.value.refusal == "input-mlp"
+    refuses("input-mlp", lambda: load((tmp_path / "point_cloud.ply").read_bytes()))
 
 
 class Trap:
@@ -232,3 +231,57 @@ def test_damaged_checkpoints_are_refused_and_nothing_else_raised(tmp_path: Path)
             for member, content in members.items():
                 archive.writestr(member, bytes(damaged) if member == name else content)
         assert refusal_of(lambda: load(tmp_path)) in (None, "input-corrupt", "input-mlp")
+
+
+def tensor_of(size: bytes, stride: bytes, arguments: bytes = b"") -> bytes:
+    """A pickle of one tensor over a storage of one float."""
+    storage = b"(X\x07\0\0\0storagectorch\nFloatStorage\nX\x01\0\0\x000X\x03\0\0\0cpuK\x01tQ"
+    return (
+        b"\x80\x02}X\x01\0\0\0actorch._utils\n_rebuild_tensor_v2\n("
+        + storage
+        + b"K\0"
+        + size
+        + stride
+        + arguments
+        + b"tRs."
+    )
+
+
+def read_tensor(pickled: bytes) -> dict[str, Any]:
+    out = io.BytesIO(archive_of(pickled))
+    with zipfile.ZipFile(out, "a") as archive:
+        archive.writestr("a/data/0", b"\0\0\x80?")
+    return tensors(Source(out.getvalue()))
+
+
+def test_sizes_are_bounded_numbers_before_anything_is_done_with_them() -> None:
+    """Dimensions, arguments and numbers that no network has: refused by a limit, not by what they would cost."""
+    one = b"(K\x01t"
+    assert read_tensor(tensor_of(one, one))["a"].tolist() == [1.0]
+    assert read_tensor(tensor_of(b"(" + b"K\x01" * 8 + b"t", b"(" + b"K\x01" * 8 + b"t"))["a"].shape == (1,) * 8
+    for size in (
+        b"(" + b"K\x01" * 9 + b"t",
+        b"(X\x01\0\0\0at",
+        b"(\x8a\x08" + b"\xff" * 7 + b"\x7ft",
+        b"(Nt",
+        b"K\x01",
+        b"(J\xff\xff\xff\xfft",
+    ):
+        assert refusal_of(lambda size=size: read_tensor(tensor_of(size, one))) == "input-corrupt"
+        assert refusal_of(lambda size=size: read_tensor(tensor_of(one, size))) == "input-corrupt"
+    assert refusal_of(lambda: read_tensor(tensor_of(one, one, b"N" * 13))) == "input-corrupt"
+
+
+def test_only_texts_and_numbers_lead_to_tensors() -> None:
+    """What is shared many times over is neither hashed nor printed."""
+    shared = ()
+    for _ in range(4):
+        shared = (shared, shared)
+    assert tensors(Source(archive_of(pickle.dumps({shared: 1, 2**70: 1, "a": 1}, 2)))) == {}
+    for name in (shared, "x" * 300, 5):
+        pickled = b"\x80\x04" + pickle.dumps(name, 2)[2:-1] + b"X\x01\0\0\0a\x93."
+        assert refusal_of(lambda pickled=pickled: tensors(Source(archive_of(pickled)))) == "input-corrupt"
+    nested: dict[str, Any] = {}
+    for _ in range(100):
+        nested = {"": nested}
+    assert tensors(Source(archive_of(pickle.dumps(nested, 2)))) == {}

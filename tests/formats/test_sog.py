@@ -10,16 +10,18 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from scarfmt.container.registries import RenderModel
 from scarfmt.errors import InvalidInput, LimitExceeded, Unsupported
-from scarfmt.formats import load
+from scarfmt.formats import load, sog
+from scarfmt.formats.source import Source
 from scarfmt.scene.gaussians import GaussianScene
-from tests.formats.scene_files import sog_files, unit_quaternions, webp, zipped
+from scarfmt.scene.rotation import matrix_from_quaternion
+from tests.formats.scene_files import read_scene, sog_files, unit_quaternions, webp, zipped
+from tests.samples.codec_samples import refuses
 
 
 def read(files: dict[str, bytes]) -> GaussianScene:
-    scene = load(zipped(files))
-    assert isinstance(scene, GaussianScene)
-    return scene
+    return read_scene(zipped(files))
 
 
 def with_meta(**changes: object) -> dict[str, bytes]:
@@ -62,6 +64,40 @@ def test_empty_scene_is_read_as_empty() -> None:
     assert len(read(sog_files(0))) == 0
 
 
+@pytest.mark.parametrize("bands", [0, None, "absent"])
+def test_the_palette_says_the_degree_where_bands_do_not(bands: object) -> None:
+    files = sog_files()
+    meta = json.loads(files["meta.json"])
+    meta["shN"]["bands"] = bands
+    if bands == "absent":
+        del meta["shN"]["bands"]
+    np.testing.assert_array_equal(read(files | {"meta.json": json.dumps(meta).encode()}).sh, read(files).sh)
+
+
+def test_a_member_of_other_formats_does_not_mislead() -> None:
+    """splat-transform writes `asset`, as glTF has it."""
+    scene = read(with_meta(asset={"generator": "splat-transform v3.7.0"}))
+    assert len(scene) == 6
+
+
+def test_a_codebook_that_begins_with_null_is_continued_downwards() -> None:
+    files = sog_files()
+    meta = json.loads(files["meta.json"])
+    meta["scales"]["codebook"][0] = None
+    scene = read(files | {"meta.json": json.dumps(meta).encode()})
+    values = np.arange(256) / 8 - 4
+    assert scene.log_scales[0, 0] == np.float32(values[1] + (values[1] - values[255]) / 255)
+
+
+@pytest.mark.parametrize(
+    ("model", "said"), [("antialiased", RenderModel.ANTIALIASED), ("2dgs", RenderModel.TWO_DIMENSIONAL)]
+)
+def test_the_model_is_told(model: str, said: RenderModel) -> None:
+    assert sog.describe(Source(zipped(with_meta(model=model)))).render_model == said
+    with pytest.raises(Unsupported, match="'new'"):
+        sog.describe(Source(zipped(with_meta(model="new"))))
+
+
 def test_labels_may_be_listed_first() -> None:
     """The manual once listed labels before centroids; the names decide."""
     files = sog_files()
@@ -84,9 +120,7 @@ def test_file_names_cannot_lead_out_of_the_directory(tmp_path: Path) -> None:
     meta["scales"]["files"] = ["../scales.webp"]
     for name, data in (files | {"meta.json": json.dumps(meta).encode()}).items():
         (inside / name).write_bytes(data)
-    with pytest.raises(InvalidInput) as caught:
-        load(inside)
-    assert caught.value.refusal == "input-unreadable"
+    refuses("input-unreadable", lambda: load(inside))
 
 
 def directory_of_files(folder: Path) -> Path:
@@ -113,9 +147,7 @@ def test_only_regular_files_of_a_directory_are_read(tmp_path: Path, name: str, w
         "directory": lambda: path.mkdir(),
     }
     make[what]()
-    with pytest.raises(InvalidInput) as caught:
-        load(inside)
-    assert caught.value.refusal == "input-unreadable"
+    refuses("input-unreadable", lambda: load(inside))
 
 
 def test_a_directory_is_read_and_links_to_files_are_followed(tmp_path: Path) -> None:
@@ -194,9 +226,7 @@ def test_count_too_large_for_the_file_is_refused() -> None:
 
 
 def test_meta_json_from_memory_asks_for_its_path() -> None:
-    with pytest.raises(InvalidInput) as caught:
-        load(sog_files()["meta.json"])
-    assert caught.value.refusal == "input-incomplete"
+    refuses("input-incomplete", lambda: load(sog_files()["meta.json"]))
 
 
 def _nearest(points: np.ndarray, point: np.ndarray, count: int) -> np.ndarray:
@@ -207,20 +237,11 @@ def _nearest(points: np.ndarray, point: np.ndarray, count: int) -> np.ndarray:
 @pytest.mark.scene
 def test_real_statues_have_normals_along_their_thin_axis(shared_data: Path) -> None:
     """Guards the quaternion's component order: thin axes lie along the local surface normal, on average."""
-    scene = load(shared_data / "splats" / "angel.sog")
-    assert isinstance(scene, GaussianScene)
+    scene = read_scene(shared_data / "splats" / "angel.sog")
     chosen = np.random.default_rng(0).choice(len(scene), 1500, replace=False)
     near = np.array([_nearest(scene.positions, scene.positions[row], 24) for row in chosen])
     around = scene.positions[near] - scene.positions[near].mean(1, keepdims=True)
     normals = np.linalg.eigh(around.transpose(0, 2, 1) @ around)[1][:, :, 0]
-    w, x, y, z = scene.rotations[chosen].astype(float).T
-    axes = np.stack(
-        [
-            np.stack([1 - 2 * (y * y + z * z), 2 * (x * y + w * z), 2 * (x * z - w * y)], 1),
-            np.stack([2 * (x * y - w * z), 1 - 2 * (x * x + z * z), 2 * (y * z + w * x)], 1),
-            np.stack([2 * (x * z + w * y), 2 * (y * z - w * x), 1 - 2 * (x * x + y * y)], 1),
-        ],
-        axis=1,
-    )
+    axes = matrix_from_quaternion(scene.rotations[chosen]).transpose(0, 2, 1)
     thin = axes[np.arange(len(chosen)), scene.log_scales[chosen].argmin(1)]
     assert np.abs((thin * normals).sum(1)).mean() > 0.7  # 0.5 for random directions, 0.67 for x, y, z, w order

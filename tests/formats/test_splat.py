@@ -9,13 +9,11 @@ import pytest
 
 from scarfmt.errors import InvalidInput
 from scarfmt.formats import load
-from scarfmt.scene.gaussians import GaussianScene
-from tests.formats.scene_files import splat
+from tests.formats.scene_files import read_scene, splat
 
 
 def test_fields() -> None:
-    scene = load(splat(4), format="splat")
-    assert isinstance(scene, GaussianScene)
+    scene = read_scene(splat(4), format="splat")
     np.testing.assert_array_equal(scene.positions, [[i, -i, 0.5] for i in range(4)])
     np.testing.assert_allclose(scene.log_scales, [[0, 1, -1]] * 4, atol=1e-6)
     np.testing.assert_array_equal(scene.rotations, np.float32([[127 / 128, 0, -1, -0.5]] * 4))
@@ -25,8 +23,7 @@ def test_fields() -> None:
 
 def test_scale_without_logarithm_is_not_clamped() -> None:
     row = struct.pack("<6f", 0, 0, 0, 0.0, -1.0, 1.0) + bytes(8)
-    scene = load(row, format="splat")
-    assert isinstance(scene, GaussianScene)
+    scene = read_scene(row, format="splat")
     assert scene.log_scales[0, 0] == -np.inf
     assert np.isnan(scene.log_scales[0, 1])
 

@@ -3,21 +3,31 @@
 from __future__ import annotations
 
 import gzip
+import io
 import itertools
 import struct
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 import pytest
 import zstandard
 
-from scarfmt.errors import InvalidInput, LimitExceeded, ScarError, Unsupported
+from scarfmt.container.registries import RenderModel
+from scarfmt.errors import InputWarning, InvalidInput, LimitExceeded, ScarError
 from scarfmt.formats import load
 from scarfmt.formats.frame import flip_axes
+from scarfmt.formats.output import Described
+from scarfmt.formats.quantise import opacities
 from scarfmt.formats.source import Source
+from scarfmt.formats.spz import describe as describe_spz
 from scarfmt.formats.spz import load as load_spz
+from scarfmt.formats.spz import write_spz
 from scarfmt.scene.gaussians import GaussianScene
-from tests.formats.scene_files import spz, unit_quaternions
+from scarfmt.scene.placement import sh_basis
+from scarfmt.scene.rotation import matrix_from_quaternion
+from tests.formats.scene_files import read_scene, spz, unit_quaternions
+from tests.samples.codec_samples import refuses
 
 
 @pytest.mark.parametrize("version", [1, 2, 3, 4])
@@ -42,26 +52,8 @@ def test_fields_as_stored(version: int, degree: int) -> None:
 
 def test_default_frame_is_that_of_inria_files() -> None:
     stored = load_spz(Source(spz(4)), frame="RUB")
-    scene = load(spz(4))
-    assert isinstance(scene, GaussianScene)
+    scene = read_scene(spz(4))
     np.testing.assert_array_equal(scene.positions, stored.positions * [1, -1, -1])
-
-
-def sh_basis(d: np.ndarray) -> np.ndarray:
-    """Degrees 0..3 up to constant factors, which a flip does not change."""
-    x, y, z = d
-    xx, yy, zz = d * d
-    low = [1, y, z, x, x * y, y * z, 2 * zz - xx - yy, x * z, xx - yy]
-    odd_in_y = [y * (3 * xx - yy), x * y * z, y * (4 * zz - xx - yy)]
-    return np.array(
-        [*low, *odd_in_y, z * (2 * zz - 3 * xx - 3 * yy), x * (4 * zz - xx - yy), z * (xx - yy), x * (xx - 3 * yy)]
-    )
-
-
-def rotation_matrix(q: np.ndarray) -> np.ndarray:
-    w, v = q[0], q[1:]
-    cross = np.array([[0, -v[2], v[1]], [v[2], 0, -v[0]], [-v[1], v[0], 0]])
-    return np.eye(3) + 2 * w * cross + 2 * cross @ cross
 
 
 @pytest.mark.parametrize("signs", list(itertools.product((1, -1), repeat=3)))
@@ -78,10 +70,10 @@ def test_flipping_axes_flips_shape_and_colour_with_the_position(signs: tuple[int
     )
     flipped, flip, direction = flip_axes(scene, signs), np.diag(signs), np.array([0.6, 0.48, 0.64])
     for i in range(4):
-        before, after = (rotation_matrix(s.rotations[i].astype(float)) for s in (scene, flipped))
+        before, after = (matrix_from_quaternion(s.rotations[i : i + 1])[0] for s in (scene, flipped))
         size = np.diag(np.exp(2 * scene.log_scales[i].astype(float)))
         np.testing.assert_allclose(after @ size @ after.T, flip @ before @ size @ before.T @ flip, atol=1e-4)
-        seen, expected = sh_basis(flip @ direction) @ flipped.sh[i], sh_basis(direction) @ scene.sh[i]
+        seen, expected = sh_basis(flip @ direction, 3) @ flipped.sh[i], sh_basis(direction, 3) @ scene.sh[i]
         np.testing.assert_allclose(seen, expected, atol=1e-5)
 
 
@@ -90,25 +82,76 @@ def test_flipping_axes_flips_shape_and_colour_with_the_position(signs: tuple[int
 def test_coordinate_system_extension_is_obeyed(version: int, system: int, signs: tuple[int, ...]) -> None:
     """6 is RDF, 4 RUB, 7 LUF, 0 unspecified; a record of unknown type before it is skipped."""
     extension = struct.pack("<II", 0xADBE0002, 12) + bytes(12) + struct.pack("<III", 0xADBE0003, 4, system)
-    scene = load(spz(version, extension=extension))
-    assert isinstance(scene, GaussianScene)
+    scene = read_scene(spz(version, extension=extension))
     row = np.arange(7)
     np.testing.assert_array_equal(scene.positions, np.stack([row, -row, row / 2], 1) * signs)
 
 
-def test_axes_that_need_a_turn_are_refused() -> None:
-    with pytest.raises(Unsupported) as caught:
-        load(spz(4, extension=struct.pack("<III", 0xADBE0003, 4, 16)))
-    assert caught.value.refusal == "input-frame"
+@pytest.mark.parametrize(("system", "signs"), [(12, (1, 1, 1)), (9, (-1, -1, 1)), (14, (1, -1, -1))])
+def test_systems_of_a_quarter_turn_are_read_as_the_library_writes_them(system: int, signs: tuple[int, ...]) -> None:
+    """12 is RFU; from RUB the library (0.2.3) stores (x, -z, y) times these signs."""
+    scene = load_spz(Source(spz(4, 7, 2, extension=struct.pack("<III", 0xADBE0003, 4, system))), frame="RUB")
+    stored = load_spz(Source(spz(4, 7, 2)), frame="RUB")
+    x, y, z = scene.positions.T
+    np.testing.assert_allclose(np.stack([x, -z, y], 1) * signs, stored.positions, atol=1e-12)
+    turn = np.array([[1, 0, 0], [0, 0, -1], [0, 1, 0]]) * np.array(signs)[:, None]
+    direction = np.array([0.6, 0.48, 0.64])
+    np.testing.assert_allclose(
+        sh_basis(direction, 2) @ scene.sh[3], sh_basis(turn @ direction, 2) @ stored.sh[3], atol=1e-4
+    )
 
 
-def test_newer_version_and_degree_are_unsupported_rather_than_damaged() -> None:
+def test_what_is_not_known_is_refused_by_name() -> None:
     newer = spz(4)[:4] + struct.pack("<I", 5) + spz(4)[8:]
-    degree_4 = spz(4)[:12] + b"\x04" + spz(4)[13:]
-    for data, refusal in ((newer, "input-version"), (degree_4, "input-sh-degree")):
-        with pytest.raises(Unsupported) as caught:
-            load(data)
-        assert caught.value.refusal == refusal
+    degree_5 = spz(4)[:12] + b"\x05" + spz(4)[13:]
+    flag = spz(4)[:14] + b"\x04" + spz(4)[15:]
+    tree = spz(4)[:14] + b"\x80" + spz(4)[15:]
+    plain = gzip.decompress(spz(3))
+    old_flag = gzip.compress(plain[:14] + b"\x10" + plain[15:])
+    extension = spz(4, extension=struct.pack("<II", 0x12340001, 0))
+    axes = spz(4, extension=struct.pack("<III", 0xADBE0003, 4, 17))
+    for data in (newer, flag, tree, old_flag, extension):
+        refuses("input-version", partial(load, data))
+    refuses("input-sh-degree", partial(load, degree_5))
+    refuses("input-frame", partial(load, axes))
+
+
+@pytest.mark.parametrize("version", [3, 4])
+def test_degree_four_is_cut_with_a_word(version: int) -> None:
+    with pytest.warns(InputWarning, match="degree 4"):
+        scene = read_scene(spz(version, 7, 4))
+    stored = (np.arange(7 * 72) % 256).reshape(7, 24, 3)[:, :15]
+    np.testing.assert_array_equal(np.abs(scene.sh[:, 1:]), np.abs((stored - 128) / np.float32(128)))
+
+
+def test_the_leaves_of_a_tree_are_the_scene() -> None:
+    """Spark's flag 0x80: parents stand for their children, and alphas are of half the opacity."""
+    plain = bytearray(gzip.decompress(spz(3, 7, 0)))
+    plain[14] = 0x80
+    plain[16 + 7 * 9 : 16 + 7 * 10] = bytes([60, 0, 64, 127, 128, 200, 115])
+    children = np.array([2, 0, 0, 2, 0, 0, 0], "<u2").tobytes() + np.arange(7, dtype="<u4").tobytes()
+    with pytest.warns(InputWarning, match="2 of 7 Gaussians"):
+        scene = read_scene(gzip.compress(bytes(plain) + children))
+    np.testing.assert_array_equal(scene.positions[:, 0], [1, 2, 4, 5, 6])
+    np.testing.assert_allclose(opacities(scene.opacity_logits) * 255, [0.5, 128, 254.5, 254.5, 230], rtol=1e-5)
+    refuses("input-corrupt", lambda: load(gzip.compress(bytes(plain) + children[:-1])))
+
+
+def test_a_scene_trained_with_antialiasing_says_so() -> None:
+    for data in (spz(4)[:14] + b"\x01" + spz(4)[15:], gzip.compress(gzip.decompress(spz(2))[:14] + b"\x01" + bytes(9))):
+        assert describe_spz(Source(data)).render_model == RenderModel.ANTIALIASED
+
+
+def test_a_regular_scene_of_few_bytes_is_no_bomb() -> None:
+    """Equal Gaussians in rows shrink to less than a byte each."""
+    row = np.arange(600_000) % 1000
+    ones = np.ones((len(row), 4), np.float32)
+    positions = np.stack([row, row, row], 1).astype(np.float64)
+    scene = GaussianScene(positions, ones[:, :3], ones, ones[:, 0], np.ones((len(row), 1, 3), np.float32))
+    target = io.BytesIO()
+    write_spz([scene], Described(0), target)
+    assert len(target.getvalue()) < 30_000
+    assert len(load(target.getvalue())) == len(row)
 
 
 @pytest.mark.parametrize("count", [10**6, 2**31])
@@ -127,9 +170,7 @@ def test_empty_scene_is_read_as_empty(version: int) -> None:
 
 def test_gzip_bomb_is_not_inflated() -> None:
     bomb = gzip.compress(gzip.decompress(spz(2)) + bytes(64 << 20))
-    with pytest.raises(InvalidInput) as caught:
-        load(bomb)
-    assert caught.value.refusal == "input-corrupt"
+    refuses("input-corrupt", lambda: load(bomb))
 
 
 def test_zstd_frame_of_another_size_is_refused() -> None:

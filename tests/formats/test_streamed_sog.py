@@ -14,8 +14,7 @@ from hypothesis import strategies as st
 from scarfmt.errors import InvalidInput, ScarError, Unsupported
 from scarfmt.formats import detect, load
 from scarfmt.formats.source import Source
-from scarfmt.scene.gaussians import GaussianScene
-from tests.formats.scene_files import sog_files, zipped
+from tests.formats.scene_files import read_scene, sog_files, zipped
 
 BOUND = {"min": [0, 0, 0], "max": [1, 1, 1]}
 
@@ -52,37 +51,52 @@ def streamed(folder: Path, changes: dict[str, Any] | None = None) -> Path:
     return path
 
 
-def read(path: Path) -> GaussianScene:
-    scene = load(path)
-    assert isinstance(scene, GaussianScene)
-    return scene
-
-
 def test_the_finest_level_is_the_scene(tmp_path: Path) -> None:
     path = streamed(tmp_path)
     assert detect(Source(path)).id == "streamed-sog"
-    scene = read(path)
+    scene = read_scene(path)
     chunks = [load(zipped(sog_files(count, bands=1))) for count in (6, 5)]
     for name in ("positions", "log_scales", "rotations", "opacity_logits", "sh"):
         np.testing.assert_array_equal(getattr(scene, name), np.concatenate([getattr(c, name) for c in chunks]))
-    np.testing.assert_array_equal(read(tmp_path).positions, scene.positions)
+    np.testing.assert_array_equal(read_scene(tmp_path).positions, scene.positions)
 
 
 def test_the_environment_belongs_to_the_scene(tmp_path: Path) -> None:
-    scene = read(streamed(tmp_path, {"environment": "env/meta.json"}))
-    sky = load(zipped(sog_files(3, bands=0)))
-    assert isinstance(sky, GaussianScene)
+    scene = read_scene(streamed(tmp_path, {"environment": "env/meta.json"}))
+    sky = read_scene(zipped(sog_files(3, bands=0)))
     assert (len(scene), scene.sh_degree) == (14, 1)
     np.testing.assert_array_equal(scene.positions[11:], sky.positions)
     np.testing.assert_array_equal(scene.sh[11:, 0], sky.sh[:, 0])
     assert not scene.sh[11:, 1:].any()
 
 
+def test_every_file_of_a_zip_is_read_from_its_own_folder(tmp_path: Path) -> None:
+    """All folders hold a `meta.json`: by bare name one of them would stand for all."""
+    path = streamed(tmp_path / "scene", {"environment": "env/meta.json", "asset": {"generator": "x"}})
+    files = {str(file.relative_to(tmp_path)): file.read_bytes() for file in path.parent.rglob("*") if file.is_file()}
+    scene = read_scene(zipped(files))
+    np.testing.assert_array_equal(scene.positions, read_scene(path).positions)
+    assert len(scene) == 14
+    del files["scene/lod-meta.json"]
+    with pytest.raises(InvalidInput, match="4 scenes"):
+        load(zipped(files))
+
+
+def test_bundled_chunks_and_environment_are_read(tmp_path: Path) -> None:
+    names = ["a.sog", "b.sog", "1_0/meta.json"]
+    path = streamed(tmp_path, {"filenames": names, "environment": "environment/environment.sog"})
+    (tmp_path / "environment").mkdir()
+    for name, count, bands in (("a.sog", 6, 1), ("b.sog", 5, 1), ("environment/environment.sog", 3, 0)):
+        (tmp_path / name).write_bytes(zipped(sog_files(count, bands=bands)))
+    expected = read_scene(streamed(tmp_path / "folders", {"environment": "env/meta.json"}))
+    np.testing.assert_array_equal(read_scene(path).positions, expected.positions)
+
+
 def test_files_from_before_there_was_a_version_are_read(tmp_path: Path) -> None:
     path = streamed(tmp_path)
     old = {key: value for key, value in index().items() if key not in ("version", "count", "counts")}
     path.write_text(json.dumps(old | {"environment": None}))
-    assert len(read(path)) == 11
+    assert len(read_scene(path)) == 11
     path.write_text(json.dumps(index() | {"version": 2}))
     with pytest.raises(Unsupported, match="streamed SOG version 2"):
         load(path)
@@ -90,9 +104,8 @@ def test_files_from_before_there_was_a_version_are_read(tmp_path: Path) -> None:
 
 def test_runs_that_leave_some_out_are_obeyed(tmp_path: Path) -> None:
     leaves = [{"lods": {"0": lod(1, 3, 1)}}, {"lods": {"0": lod(1, 0, 2)}}]
-    scene = read(streamed(tmp_path, {"tree": {"children": leaves}}))
-    chunk = load(zipped(sog_files(5, bands=1)))
-    assert isinstance(chunk, GaussianScene)
+    scene = read_scene(streamed(tmp_path, {"tree": {"children": leaves}}))
+    chunk = read_scene(zipped(sog_files(5, bands=1)))
     np.testing.assert_array_equal(scene.positions, chunk.positions[[0, 1, 3]])
 
 
@@ -139,23 +152,3 @@ def test_any_damage_to_the_index_is_read_or_refused(tmp_path: Path, data: st.Dat
     except ScarError as error:
         refusal = error.refusal
         assert refusal.startswith("input-")
-
-
-@pytest.mark.scene
-def test_a_real_scene_in_two_chunks_is_what_it_was(shared_data: Path, tmp_path: Path) -> None:
-    """angel.sog unbundled twice, the tree taking half of each."""
-    import zipfile
-
-    for name in ("0_0", "0_1"):
-        with zipfile.ZipFile(shared_data / "splats" / "angel.sog") as bundle:
-            bundle.extractall(tmp_path / name)
-    whole = load(shared_data / "splats" / "angel.sog")
-    assert isinstance(whole, GaussianScene)
-    half = len(whole) // 2
-    leaves = [{"lods": {"0": lod(0, 0, half)}}, {"lods": {"0": lod(1, half, len(whole) - half)}}]
-    names = ["0_0/meta.json", "0_1/meta.json"]
-    content = {"version": 1, "lodLevels": 1, "filenames": names, "tree": {"children": leaves}}
-    (tmp_path / "lod-meta.json").write_text(json.dumps(content))
-    scene = read(tmp_path)
-    np.testing.assert_array_equal(scene.positions, whole.positions)
-    np.testing.assert_array_equal(scene.rotations, whole.rotations)

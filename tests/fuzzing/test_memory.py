@@ -15,10 +15,10 @@ from pathlib import Path
 import pytest
 import zstandard
 
+from conformance.surgery.parts import block_added, block_with, remade, repaged
+from conformance.surgery.reseal import resealed
 from conformance.writer.pages import Pages
 from fuzz.bombs import SCALE, build, channels, zero_tables
-from fuzz.testing.front import PAGE_BITS
-from fuzz.testing.parts import Part, put_together, resealed, take_apart
 from fuzz.testing.scenes import random_scene
 from scarfmt.coding.writer import write_scene
 from scarfmt.container.schema import BlockKind, Profile
@@ -57,9 +57,7 @@ def _zeros(mib: int) -> bytes:
 
 
 def _with_tables(frame: bytes) -> bytes:
-    parts = take_apart(_base())
-    next(block for block in parts.blocks if block.kind == BlockKind.TABLES).payload = frame
-    return put_together(parts)
+    return remade(_base(), block_with(BlockKind.TABLES, frame))
 
 
 def _with_count(offset: int, size: int, value: int) -> bytes:
@@ -70,9 +68,7 @@ def _with_count(offset: int, size: int, value: int) -> bytes:
 
 def _with_root(change: Callable[[Pages], object]) -> bytes:
     """The file with pages of one tile, and numbers of ROOT changed."""
-    parts = take_apart(_base())
-    parts.header = parts.header[:PAGE_BITS] + b"\0" + parts.header[PAGE_BITS + 1 :]
-    return put_together(parts, change)
+    return repaged(remade(_base(), lambda parts: setattr(parts, "page_bits", 0)), root=change)
 
 
 def _overlapping() -> bytes:
@@ -88,9 +84,7 @@ def _endless_block(pages: Pages) -> None:
 
 
 def _many_metadata() -> bytes:
-    parts = take_apart(_base())
-    parts.blocks.append(Part(BlockKind.METADATA, 2, 1, 0xFFFFFFFF, 0, b"[" * 1_000_000))
-    return put_together(parts)
+    return remade(_base(), block_added(b"[" * 1_000_000, kind=BlockKind.METADATA, flags=2))
 
 
 BOMBS: dict[str, tuple[Callable[[], bytes], str]] = {

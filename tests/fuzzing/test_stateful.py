@@ -8,13 +8,14 @@ from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, precondition, rule
 from numpy.typing import NDArray
 
-from fuzz.testing.parts import Part, put_together, take_apart
+from conformance.surgery.files import blocks_of, rebuilt
 from fuzz.testing.strategies import scenes
 from reference_decoder.decode import decode
 from scarfmt.coding.reader import SceneReader
 from scarfmt.coding.tile import TileContent
 from scarfmt.coding.writer import QuantisedScene, write_scene
-from scarfmt.container.schema import NO_TILE, BlockKind, Stream
+from scarfmt.container.file import Block
+from scarfmt.container.schema import BlockKind, Stream
 from scarfmt.container.source import BytesSource
 from scarfmt.tools.inspection import inspect
 from scarfmt.tools.truncate import truncate
@@ -68,11 +69,8 @@ class FileLife(RuleBasedStateMachine):
     @rule(data=st.data(), kind=st.integers(FIRST_FREE, 255), flags=st.sampled_from([0, SAFE_TO_COPY]), text=TEXTS)
     def annotate(self, data: st.DataObject, kind: int, flags: int, text: bytes) -> None:
         layer = data.draw(st.integers(1, self.layers))
-        parts = take_apart(self.data)
-        parts.blocks = [block for block in parts.blocks if (block.layer, block.kind) != (layer, kind)]
-        parts.blocks.append(Part(kind, flags, layer, NO_TILE, 0, text))
-        parts.blocks.sort(key=lambda block: (block.layer, block.kind, block.tile))
-        self.data = put_together(parts)
+        kept = [block for block in blocks_of(self.data) if (block.layer, block.kind) != (layer, kind)]
+        self.data = rebuilt(self.data, [*kept, Block(kind, layer, text, flags=flags)])
         self.notes[layer, kind] = flags, text
 
     @precondition(lambda self: self.layers > 0)
@@ -86,7 +84,7 @@ class FileLife(RuleBasedStateMachine):
     @invariant()
     def notes_are_kept(self) -> None:
         if self.layers:
-            notes = [block for block in take_apart(self.data).blocks if block.kind >= FIRST_FREE]
+            notes = [block for block in blocks_of(self.data) if block.kind >= FIRST_FREE]
             found = {(note.layer, note.kind): (note.flags, note.payload) for note in notes}
             assert found == self.notes
 

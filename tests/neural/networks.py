@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from fuzz.testing.networks import random_books, random_network
 from scarfmt.neural.network import IndexNetwork, Inputs
-from scarfmt.scene.codebooks import Codebooks
+from scarfmt.scene.model import Codebooks
 
 __all__ = ["Case", "cases", "random_books", "random_network"]
 

@@ -60,31 +60,6 @@ def refused(layer: Linear, amax: int = 511, refusal: str = "bad-network") -> Non
     assert caught.value.refusal == refusal
 
 
-def plain(weights: object, biases: object = (0, 0), shift: int = 0) -> Linear:
-    return Linear(np.array(weights, np.int32), np.array(biases, np.int64), shift)
-
-
-def test_layers_that_are_none_are_refused() -> None:
-    """Shapes, weights and shifts; the caller chooses the refusal id."""
-    plain([[1], [32767]]).check(511)
-    for weights in ([[1], [32768]], [[1], [-32768]], [[1, 2]], [1, 2], np.zeros((2, 0)), np.zeros((0, 2))):
-        refused(plain(weights), refusal="bad-predictor")
-    refused(plain(np.zeros((0, 2)), np.zeros(0)))
-    refused(plain([[1], [1]], shift=-1))
-    refused(plain([[1], [1]], shift=MAX_SHIFT + 1))
-    refused(plain([[0], [0]], shift=25))
-    plain([[0], [0]], shift=24).check(511)
-
-
-@pytest.mark.parametrize("shift", [-1, MAX_SHIFT + 1])
-def test_a_shift_out_of_range_is_refused_whatever_the_limit(shift: int) -> None:
-    """A layer whose sums are small enough for a wider limit."""
-    weights, biases = np.ones((2, 3), np.int32), np.zeros(2, np.int64)
-    check_rows(weights, biases, 1, MAX_SHIFT, limit=1 << 40)
-    with pytest.raises(Malformed, match="bad-network"):
-        check_rows(weights, biases, 1, shift, limit=1 << 40)
-
-
 def test_the_limit_can_be_another() -> None:
     """Half of it, as for the two products of a recurrent layer."""
     check_rows(np.array([[3]]), np.array([2**23 - 1 - 300]), 100, 0, limit=1 << 23)

@@ -17,10 +17,10 @@ from scarfmt.neural.context import (
     CellSums,
     count_features,
     depth_shifts,
+    fine,
     joining_depths,
     passes,
 )
-from scarfmt.neural.context_operations import fine
 from scarfmt.scene.model import MAX_PASSES_LOG2, MAX_STEPS
 
 seeds = st.integers(0, 2**32 - 1)
@@ -55,12 +55,6 @@ def test_fine_is_the_nearest_1024th_of_the_first_cell(value: int, steps: int) ->
         want = (Fraction(1024 * value, 3 ** (steps - 1)) + Fraction(1, 2)).__floor__()
     want = min(max(want, -FINE_LIMIT), FINE_LIMIT)
     assert fine(np.array([[value]]), np.array([steps])).tolist() == [[want]]
-
-
-def test_fine_takes_one_step_count_for_all() -> None:
-    """A (1,) step count stands for every row."""
-    values = np.arange(-6, 6).reshape(4, 3)
-    assert np.array_equal(fine(values, np.array([3])), fine(values, np.full(4, 3)))
 
 
 @settings(deadline=None)

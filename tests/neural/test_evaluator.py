@@ -1,39 +1,28 @@
-"""The evaluator: the integers of the oracle, however the work is cut, in NumPy and in torch."""
+"""The evaluator: the integers of the oracle."""
 
 from __future__ import annotations
 
-import itertools
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 import numpy as np
 import pytest
-import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from conformance.writer.oracle import Oracle, frequencies_of
 from fuzz.testing.network_rows import first_rows, member_rows
-from reference_decoder.torch_operations import TorchOperations
 from scarfmt.arrays import I64
-from scarfmt.entropy.rans import TOTAL, PureRansDecoder, RansDecoder, RansEncoder
-from scarfmt.errors import InvalidInput, Unsupported
+from scarfmt.entropy.rans import TOTAL, RansDecoder, RansEncoder
+from scarfmt.errors import InvalidInput
 from scarfmt.neural.evaluator import Evaluator
 from scarfmt.neural.network import Inputs
-from scarfmt.neural.operations import NUMPY, NumpyOperations, Operations
+from scarfmt.neural.operations import NUMPY
 from scarfmt.neural.tables import exp2_table
 from tests.neural.networks import Case, cases, random_books, random_network
 
+EXP2 = NUMPY.constant(exp2_table())
 INPUTS = Inputs(classes=2, own=True, attributes=3, depths=1, latents=2, latent_shift=1, grid=2)
-
-
-class SmallChunks(NumpyOperations):
-    """NumPy, three rows at a time."""
-
-    chunk = 3
-
-
-BACKENDS: list[Operations] = [NUMPY, SmallChunks(), TorchOperations("cpu"), TorchOperations("cpu", chunk=2)]
 
 
 def context_of(evaluator: Evaluator, x: I64, codes: I64) -> Any:
@@ -84,13 +73,10 @@ def questions(draw: st.DrawFn) -> tuple[Case, I64, I64]:
 
 @settings(deadline=None, max_examples=120)
 @given(questions())
-def test_every_backend_computes_the_frequencies_of_the_oracle(question: tuple[Case, I64, I64]) -> None:
-    """Networks of every kind, up to the edge of the accumulators; extreme inputs; any cut into chunks."""
+def test_frequencies_are_those_of_the_oracle(question: tuple[Case, I64, I64]) -> None:
+    """Networks of every kind, up to the edge of the accumulators; extreme inputs."""
     case, x, codes = question
-    wanted = oracle_rows(case, x, codes)
-    for operations in BACKENDS:
-        evaluator = Evaluator(case.network, case.books, operations)
-        assert all_rows(evaluator, case, x, codes) == wanted
+    assert all_rows(Evaluator(case.network, case.books), case, x, codes) == oracle_rows(case, x, codes)
 
 
 @settings(deadline=None, max_examples=40)
@@ -100,14 +86,13 @@ def test_selecting_anchors_between_stages_changes_nothing(question: tuple[Case, 
     case, x, codes = question
     x = np.clip(x, -999, 999)
     rows = np.arange(len(x))[::2]
-    for operations in BACKENDS:
-        evaluator = Evaluator(case.network, case.books, operations)
-        state, h = evaluator.start(len(x)), evaluator.embed(x.astype(dtype))
-        for stage, column in enumerate(codes.T, start=1):
-            state = evaluator.advance(state, stage, column)
-        some = evaluator.mixed(h[rows], evaluator.take(state, rows))
-        alone = context_of(evaluator, x[rows], codes[rows])
-        assert np.array_equal(np.asarray(some), np.asarray(alone))
+    evaluator = Evaluator(case.network, case.books)
+    state, h = evaluator.start(len(x)), evaluator.embed(x.astype(dtype))
+    for stage, column in enumerate(codes.T, start=1):
+        state = evaluator.advance(state, stage, column)
+    some = evaluator.mixed(h[rows], evaluator.take(state, rows))
+    alone = context_of(evaluator, x[rows], codes[rows])
+    assert np.array_equal(np.asarray(some), np.asarray(alone))
 
 
 @settings(deadline=None, max_examples=30)
@@ -118,48 +103,41 @@ def test_member_blocks_are_the_member_rows_in_coding_order(seed: int, count: int
     books = random_books(rng, 20, 9, 4)
     network = random_network(rng, books, INPUTS)
     x = rng.integers(-300, 300, (count, INPUTS.width))
-    for operations in BACKENDS:
-        evaluator = Evaluator(network, books, operations)
-        y = context_of(evaluator, x, np.zeros((count, 0), np.int64))
-        sizes = np.array(network.heads[0].clusters)
-        clusters = rng.integers(0, len(sizes), count)
-        blocks = list(evaluator.member_blocks(0, y, clusters))
-        order = [int(row) for block in blocks for row in block.rows]
-        assert order == [i for i in np.argsort(clusters, kind="stable").tolist() if sizes[clusters[i]] > 1]
-        for row, weights in ((r, w) for block in blocks for r, w in zip(block.rows, block.weights(), strict=True)):
-            alone = member_rows(evaluator, 0, y[row : row + 1], int(clusters[row]))
-            assert weights.tolist() == alone[0].tolist()
+    evaluator = Evaluator(network, books)
+    y = context_of(evaluator, x, np.zeros((count, 0), np.int64))
+    sizes = np.array(network.heads[0].clusters)
+    clusters = rng.integers(0, len(sizes), count)
+    blocks = list(evaluator.member_blocks(0, y, clusters))
+    order = [int(row) for block in blocks for row in block.rows]
+    assert order == [i for i in np.argsort(clusters, kind="stable").tolist() if sizes[clusters[i]] > 1]
+    for row, weights in ((r, w) for block in blocks for r, w in zip(block.rows, block.weights(), strict=True)):
+        alone = member_rows(evaluator, 0, y[row : row + 1], int(clusters[row]))
+        assert weights.tolist() == alone[0].tolist()
 
 
-@pytest.mark.parametrize("operations", BACKENDS, ids=["numpy", "numpy-3", "torch", "torch-2"])
 @pytest.mark.parametrize("size", [2, 255, 256, 257, 4096])
-def test_equal_logits_give_the_uniform_table_and_extreme_ones_leave_1(operations: Operations, size: int) -> None:
+def test_equal_logits_give_the_uniform_table_and_extreme_ones_leave_1(size: int) -> None:
     """The limits of the frequency rule, at both sides of where prefix sums change their arithmetic."""
     rows = np.zeros((2, size), np.float32)
     rows[1] = -(2**24 - 1)
     rows[1, size // 2] = 2**24 - 1
     for low in (0, -(2**24) + 1):
         equal = np.full((2, size), low, np.float32)
-        found = operations.frequency_rows(operations.constant(equal.T), exp2(operations)) + 1
+        found = NUMPY.frequency_rows(NUMPY.constant(equal.T), EXP2) + 1
         bounds = [i * 65536 * (TOTAL - size) // (65536 * size) + i for i in range(size + 1)]
         assert found.tolist() == [np.diff(bounds).tolist()] * 2
-    peak = operations.frequency_rows(operations.constant(rows.T), exp2(operations))[1]
+    peak = NUMPY.frequency_rows(NUMPY.constant(rows.T), EXP2)[1]
     assert peak.tolist() == [TOTAL - size if i == size // 2 else 0 for i in range(size)]
 
 
-@pytest.mark.parametrize("operations", BACKENDS, ids=["numpy", "numpy-3", "torch", "torch-2"])
 @pytest.mark.parametrize("size", [63, 64, 65, 300, 4096])
-def test_sums_of_many_weights_are_exact(operations: Operations, size: int) -> None:
+def test_sums_of_many_weights_are_exact(size: int) -> None:
     """Weights of 1 among weights of 2^16: what binary32 would lose once sums pass 2^24."""
     rng = np.random.default_rng(size)
     logits = rng.choice([0, 0, 0, -1, -40, -500, -511, -512], (3, size)).astype(np.float32)
     logits[:, 0] = 0
-    found = operations.frequency_rows(operations.constant(logits.T), exp2(operations)) + 1
+    found = NUMPY.frequency_rows(NUMPY.constant(logits.T), EXP2) + 1
     assert found.tolist() == [frequencies_of(row) for row in logits.astype(int).tolist()]
-
-
-def exp2(operations: Operations) -> Any:
-    return operations.constant(exp2_table())
 
 
 def put_stage(evaluator: Evaluator, coder: RansEncoder, y: Any, codes: I64, book: int, sizes: tuple[int, ...]) -> None:
@@ -174,9 +152,7 @@ def put_stage(evaluator: Evaluator, coder: RansEncoder, y: Any, codes: I64, book
             coder.encode_rows(members[block.rows], block.weights())
 
 
-def get_stage(
-    evaluator: Evaluator, coder: RansDecoder | PureRansDecoder, y: Any, count: int, book: int, sizes: tuple[int, ...]
-) -> I64:
+def get_stage(evaluator: Evaluator, coder: RansDecoder, y: Any, count: int, book: int, sizes: tuple[int, ...]) -> I64:
     """The inverse."""
     codes = np.zeros(count, np.int64)
     for block in evaluator.first_blocks(book, y):
@@ -191,8 +167,8 @@ def get_stage(
 
 @settings(deadline=None, max_examples=40)
 @given(cases(), st.integers(0, 2**32 - 1), st.integers(0, 30))
-def test_indices_come_back_on_another_backend(case: Case, seed: int, count: int) -> None:
-    """Coded with NumPy; decoded with torch, in other chunks, and by the pure decoder."""
+def test_indices_come_back(case: Case, seed: int, count: int) -> None:
+    """Stage by stage, flat heads and two-level ones."""
     rng = np.random.default_rng(seed)
     x = rng.integers(-600, 600, (count, case.network.inputs.width))
     codes = np.array([rng.integers(0, case.books.sizes[s > 0], count) for s in range(case.stages)], np.int64)
@@ -204,17 +180,16 @@ def test_indices_come_back_on_another_backend(case: Case, seed: int, count: int)
         put_stage(evaluator, encoder, y, column, book, case.network.heads[book].clusters)
         state = evaluator.advance(state, stage, column) if stage < case.stages else state
     data = encoder.finish()
-    for operations, decoder in itertools.product(BACKENDS[1:3], (RansDecoder, PureRansDecoder)):
-        coder = decoder(data)
-        evaluator = Evaluator(case.network, case.books, operations)
-        h, state = evaluator.embed(x), evaluator.start(count)
-        for stage, column in enumerate(codes, start=1):
-            book = int(stage > 1)
-            y = evaluator.mixed(h, state)
-            found = get_stage(evaluator, coder, y, count, book, case.network.heads[book].clusters)
-            assert found.tolist() == column.tolist()
-            state = evaluator.advance(state, stage, found) if stage < case.stages else state
-        coder.finish()
+    coder = RansDecoder(data)
+    evaluator = Evaluator(case.network, case.books)
+    h, state = evaluator.embed(x), evaluator.start(count)
+    for stage, column in enumerate(codes, start=1):
+        book = int(stage > 1)
+        y = evaluator.mixed(h, state)
+        found = get_stage(evaluator, coder, y, count, book, case.network.heads[book].clusters)
+        assert found.tolist() == column.tolist()
+        state = evaluator.advance(state, stage, found) if stage < case.stages else state
+    coder.finish()
 
 
 def test_one_evaluator_serves_several_threads() -> None:
@@ -230,18 +205,6 @@ def test_one_evaluator_serves_several_threads() -> None:
     with ThreadPoolExecutor(4) as pool:
         for batch, found in zip(batches, pool.map(rows, batches), strict=True):
             assert np.array_equal(found, rows(batch))
-
-
-def test_a_device_that_shortens_products_is_refused() -> None:
-    """TF32 or bfloat16 would change the probability of a symbol, so that it differs from the encoder's."""
-
-    class Short(TorchOperations):
-        def product(self, x: torch.Tensor, weights: torch.Tensor) -> torch.Tensor:
-            return (x.bfloat16() @ weights.bfloat16()).float()
-
-    with pytest.raises(Unsupported) as caught:
-        Short("cpu")
-    assert caught.value.refusal == "inexact-device"
 
 
 def test_indices_that_do_not_follow_are_refused() -> None:

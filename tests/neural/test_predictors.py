@@ -6,24 +6,21 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from scarfmt.arrays import I64
 from scarfmt.container.schema import Profile, Stream
-from scarfmt.errors import Malformed
 from scarfmt.neural.arithmetic import Linear
 from scarfmt.neural.context import CellMeans
 from scarfmt.neural.predictors import (
     AMAX,
     Predictor,
     StepContext,
-    check_predictors,
     first_use,
     input_width,
 )
-from scarfmt.scene.model import MAX_CLASSES, Channel, ContextRule, DecodedContext, LayerRow, SceneModel
+from scarfmt.scene.model import MAX_CLASSES, Channel, DecodedContext, LayerRow, SceneModel
 
 
 def linear(rng: np.random.Generator, rows: int, columns: int, top: int = 127) -> Linear:
@@ -36,12 +33,6 @@ def predictor(seed: int, inputs: int, units: int, buckets: tuple[int, int] = (16
     hidden = linear(rng, units, inputs) if units else None
     made = Predictor(Stream.SCALE, 0, 1, hidden, linear(rng, 2, inputs + units), buckets)
     return replace(made, **changes)
-
-
-def refused(check: Any) -> None:
-    with pytest.raises(Malformed) as caught:
-        check()
-    assert caught.value.refusal == "bad-predictor"
 
 
 def literal_context(net: Predictor, x: list[int]) -> int:
@@ -78,43 +69,14 @@ def test_memory_order_does_not_matter() -> None:
     assert np.array_equal(net.contexts(x), net.contexts(np.asfortranarray(x)))
 
 
-BROKEN = {
-    "a channel that has none": {"stream": Stream.POSITION_RESIDUAL},
-    "256 inputs": {"hidden": None, "output": linear(np.random.default_rng(0), 2, 256, 1)},
-    "step 0": {"step": 0},
-    "no bucket": {"buckets": (0, 4)},
-    "too many contexts": {"buckets": (129, 2)},
-    "one output": {"output": linear(np.random.default_rng(0), 1, 24)},
-    "no input left": {"output": linear(np.random.default_rng(0), 2, 4)},
-    "hidden layer of other inputs": {"hidden": linear(np.random.default_rng(0), 4, 19)},
-    "too many units": {
-        "hidden": linear(np.random.default_rng(0), 65, 20, 1),
-        "output": linear(np.random.default_rng(0), 2, 85, 1),
-    },
-    "sums beyond 2^24": {"output": Linear(np.full((2, 24), 1400, np.int32), np.zeros(2, np.int64), 3)},
-    "shift beyond 24": {"output": Linear(np.ones((2, 24), np.int32), np.zeros(2, np.int64), 25)},
-}
-
-
-@pytest.mark.parametrize("change", BROKEN.values(), ids=BROKEN.keys())
-def test_broken_predictors_are_refused(change: dict[str, Any]) -> None:
-    """Each bound of a predictor that does not depend on the scene is checked."""
-    predictor(2, 20, 4).check()
-    refused(replace(predictor(2, 20, 4), **change).check)
-
-
 def scene(depths: int = 2) -> SceneModel:
     """Four channels, two of them attributes; step 2 of colours and LATENT first travel in layer 2."""
     channels = tuple(
-        Channel(stream, (1.0,) * size, (ContextRule(),) * size)
+        Channel(stream, (1.0,) * size)
         for stream, size in ((Stream.POSITION_RESIDUAL, 3), (Stream.SCALE, 3), (Stream.COLOUR, 3), (Stream.LATENT, 2))
     )
     rows = LayerRow((0,), ((0, 2, 1, 0),)), LayerRow((0, 0), ((0, 2, 2, 1), (0, 1, 1, 0)))
     return SceneModel(Profile.EXPLICIT, 1, channels, rows, DecodedContext(1, (24, 3)[:depths]))
-
-
-def fitting(stream: Stream, component: int, step: int, inputs: int) -> Predictor:
-    return predictor(3, inputs, 2, stream=stream, component=component, step=step)
 
 
 def test_input_widths_follow_the_scene() -> None:
@@ -127,25 +89,6 @@ def test_input_widths_follow_the_scene() -> None:
 def test_first_use_is_the_layer_in_which_a_step_travels() -> None:
     """The layer is also right for a step that never travels."""
     assert [first_use(scene(), 2, step) for step in (1, 2, 3)] == [1, 2, None]
-
-
-def test_predictors_must_fit_the_scene() -> None:
-    """Order, channel, component, layer of first use and width."""
-    width = input_width(scene(), 1)
-    good = [fitting(Stream.SCALE, 0, 1, width), fitting(Stream.SCALE, 0, 2, width)]
-    check_predictors(scene(), 1, good)
-    latent = fitting(Stream.LATENT, 1, 1, input_width(scene(), 3))
-    check_predictors(scene(), 2, [fitting(Stream.COLOUR, 1, 2, input_width(scene(), 2)), latent])
-    for bad in (
-        good[::-1],
-        [good[0], good[0]],
-        [fitting(Stream.OPACITY, 0, 1, width)],
-        [fitting(Stream.SCALE, 3, 1, width)],
-        [fitting(Stream.SCALE, 0, 3, width)],
-        [fitting(Stream.SCALE, 0, 1, width + 1)],
-    ):
-        refused(lambda bad=bad: check_predictors(scene(), 1, bad))
-    refused(lambda: check_predictors(scene(), 2, good))
 
 
 def clamp(value: int, top: int = AMAX) -> int:

@@ -6,7 +6,7 @@ import math
 
 import pytest
 
-from scarfmt.neural.tables import EXP2, SIGMOID, TANH, exp2_table, sigmoid_table, state_table
+from scarfmt.neural.tables import EXP2, SIGMOID, TANH, exp2_table, state_table
 
 
 def test_the_tables_are_the_rounded_functions() -> None:
@@ -29,13 +29,6 @@ def test_states_are_odd_and_fill_the_activations(bits: int) -> None:
         shifted = fine if bits == 12 else (fine + (1 << (11 - bits))) >> (12 - bits)
         assert value == max(-top, min(top, shifted))
     assert (min(found), max(found)) == (-top, top)
-
-
-def test_the_logistic_function_of_u_and_minus_u_sum_to_one() -> None:
-    """512 - 1 entries, 0 in the middle."""
-    found = sigmoid_table().tolist()
-    assert found[255:] == list(SIGMOID)
-    assert [a + b for a, b in zip(found, found[::-1], strict=True)] == [4096] * 511
 
 
 def test_weights_halve_every_32_steps_and_end_in_0() -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -12,9 +13,8 @@ from hypothesis import strategies as st
 from conformance.surgery.files import blocks_of, rebuilt
 from fuzz.testing.scenes import random_scene
 from fuzz.testing.strategies import quantised_scenes
-from reference_decoder.decode import decode, decode_scene, iter_tiles
+from reference_decoder.decode import DecodeRequest, decode, decode_scene, iter_tiles
 from reference_decoder.decoded import Decoded
-from reference_decoder.request import DecodeRequest, RequestFields
 from scarfmt.blocks.layer import pack_layer
 from scarfmt.coding.writer import QuantisedScene, keep_layers, write_scene
 from scarfmt.container import paged
@@ -185,7 +185,7 @@ def test_latents_left_out_are_bytes_not_transferred() -> None:
     blocks = sum(entry.kind == BlockKind.TILE for entry in container.entries)
     source = BytesSource(data)
     decode(source, attributes=set(ATTRIBUTES) - {"latents"})
-    assert indices > 4000
+    assert indices > blocks * MAX_TABLE_SIZE
     assert source.bytes_read <= len(data) - indices + blocks * MAX_TABLE_SIZE
 
 
@@ -249,31 +249,27 @@ def _has_residual(scene: QuantisedScene) -> bool:
 
 
 @settings(deadline=None, max_examples=20)
-@given(quantised_scenes(), st.integers(1, 3), st.sampled_from(["auto", "numpy"]))
-def test_a_scene_is_that_of_the_exact_values(scene: QuantisedScene, threads: int, backend: str) -> None:
+@given(quantised_scenes(), st.integers(1, 3), st.booleans())
+def test_a_scene_is_that_of_the_exact_values(scene: QuantisedScene, threads: int, native: bool) -> None:
     """The scene equals that of the exact values: both profiles, whole files, some tiles in any order or repeated, and
     boxes. The counts of work are equal, too."""
     data = write_scene(scene)
     tiles = list(range(len(scene.tiles)))[::-1]
     low, high = np.full(3, -1e3), np.zeros(3)
-    requests: list[RequestFields] = [{}, {"layers": 1}, {"tiles": tiles}, {"tiles": tiles + tiles}]
+    requests: list[dict[str, Any]] = [{}, {"layers": 1}, {"tiles": tiles}, {"tiles": tiles + tiles}]
     for fields in [*requests, {"box": (low.tolist(), high.tolist())}]:
-        fields = {**fields, "threads": threads, "backend": backend}
+        fields = {**fields, "threads": threads, "native": native}
         counted, plain = Counters(), Counters()
         made = decode_scene(data, counters=counted, **fields)
-        exact = decode(data, counters=plain, **fields).activated(counters=plain)
+        exact = decode(data, counters=plain, **fields).scene
         assert type(made) is type(exact)
         assert counted == plain
         if isinstance(made, GaussianScene):
-            for name, array in vars(made).items():
+            for name, array in made.arrays().items():
                 other = getattr(exact, name)
-                assert (array.dtype, array.shape, array.tobytes()) == (other.dtype, other.shape, other.tobytes())
-
-
-def test_a_scene_needs_all_attributes() -> None:
-    data = write_scene(random_scene(1))
-    with pytest.raises(InvalidInput, match="were left out"):
-        decode_scene(data, attributes=["positions"])
+                assert (array.dtype, array.shape) == (other.dtype, other.shape)
+                # Activated values have tolerances (SPEC §9.5), the library's are not those of NumPy to the last bit.
+                np.testing.assert_allclose(array, other, rtol=1e-5, atol=1e-5)
 
 
 def test_tiles_of_which_nothing_is_said_cost_next_to_nothing(monkeypatch: pytest.MonkeyPatch) -> None:

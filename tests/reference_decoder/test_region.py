@@ -9,10 +9,8 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from fuzz.testing.scenes import random_scene
-from reference_decoder.decode import decode
-from reference_decoder.dequantise import tile_boxes
-from reference_decoder.region import pages_meeting, tiles_meeting
-from reference_decoder.request import DecodeRequest
+from reference_decoder.decode import DecodeRequest, decode
+from reference_decoder.region import pages_meeting, tile_boxes, tiles_meeting
 from scarfmt.arrays import F64
 from scarfmt.coding.reader import SceneReader
 from scarfmt.coding.writer import write_scene

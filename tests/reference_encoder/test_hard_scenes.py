@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import warnings
+from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from reference_decoder.decode import decode
 from reference_encoder.encode import EncodeOptions, encode
@@ -28,90 +31,36 @@ def cloud(count: int, degree: int = 0, seed: int = 0, spread: float = 1.0) -> Ga
     )
 
 
-def changed(scene: GaussianScene, **fields: object) -> GaussianScene:
-    """`scene` with some arrays replaced."""
-    from dataclasses import replace
-
-    return replace(scene, **fields)  # type: ignore[arg-type]
-
-
-def _one() -> GaussianScene:
-    return cloud(1)
-
-
-def _all_in_one_point() -> GaussianScene:
-    return changed(cloud(300), positions=np.full((300, 3), 0.25))
-
-
-def _identical() -> GaussianScene:
-    return cloud(1).take(np.zeros(500, np.int64))
-
-
-def _coplanar() -> GaussianScene:
+def _rows_changed(name: str, change: Callable[[NDArray[Any]], None]) -> GaussianScene:
+    """A cloud of 400 with one array changed in place."""
     scene = cloud(400)
-    return changed(scene, positions=scene.positions * np.array([1.0, 1.0, 0.0]))
+    change(getattr(scene, name))
+    return scene
 
 
-def _collinear() -> GaussianScene:
-    scene = cloud(400)
-    return changed(scene, positions=scene.positions * np.array([0.0, 1.0, 0.0]))
-
-
-def _tiny() -> GaussianScene:
-    return cloud(300, spread=1e-12)
-
-
-def _far() -> GaussianScene:
-    scene = cloud(300)
-    return changed(scene, positions=scene.positions + 1e6)
-
-
-def _outliers() -> GaussianScene:
-    scene = cloud(400)
-    positions = scene.positions.copy()
-    positions[:8] *= 1e4
-    return changed(scene, positions=positions)
-
-
-def _hard_opacities() -> GaussianScene:
-    scene = cloud(400)
-    return changed(scene, opacity_logits=np.where(np.arange(400) % 2, 400, -400).astype(np.float32))
-
-
-def _bad_quaternions() -> GaussianScene:
-    scene = cloud(400)
-    rotations = scene.rotations.copy()
+def _spoil(rotations: NDArray[Any]) -> None:
     rotations[::4] = 0
     rotations[1::4] *= -1e-20
     rotations[2::4] *= 1e20
-    return changed(scene, rotations=rotations)
 
 
 def _flat() -> GaussianScene:
-    scene = cloud(400)
-    log_scales = scene.log_scales.copy()
-    log_scales[:, 2] = np.log(1e-20)
-    return changed(scene, log_scales=log_scales)
+    return _rows_changed("log_scales", lambda rows: rows.__setitem__((slice(None), 2), np.log(1e-20)))
 
 
-def _duplicates() -> GaussianScene:
-    scene = cloud(200)
-    return scene.take(np.repeat(np.arange(200), 3))
-
-
-SCENES = {
-    "one": _one,
-    "all-in-one-point": _all_in_one_point,
-    "identical": _identical,
-    "coplanar": _coplanar,
-    "collinear": _collinear,
-    "tiny": _tiny,
-    "far": _far,
-    "outliers": _outliers,
-    "hard-opacities": _hard_opacities,
-    "bad-quaternions": _bad_quaternions,
+SCENES: dict[str, Callable[[], GaussianScene]] = {
+    "one": lambda: cloud(1),
+    "all-in-one-point": lambda: _rows_changed("positions", lambda rows: rows.fill(0.25)),
+    "identical": lambda: cloud(1).take(np.zeros(500, np.int64)),
+    "coplanar": lambda: _rows_changed("positions", lambda rows: rows[:, 2].fill(0)),
+    "collinear": lambda: _rows_changed("positions", lambda rows: rows[:, ::2].fill(0)),
+    "tiny": lambda: cloud(300, spread=1e-12),
+    "far": lambda: _rows_changed("positions", lambda rows: np.add(rows, 1e6, out=rows)),
+    "outliers": lambda: _rows_changed("positions", lambda rows: np.multiply(rows[:8], 1e4, out=rows[:8])),
+    "hard-opacities": lambda: _rows_changed("opacity_logits", lambda rows: np.copyto(rows, np.tile([-400, 400], 200))),
+    "bad-quaternions": lambda: _rows_changed("rotations", _spoil),
     "flat": _flat,
-    "duplicates": _duplicates,
+    "duplicates": lambda: cloud(200).take(np.repeat(np.arange(200), 3)),
 }
 QUICK = EncodeOptions(effort=1, layers=3, quality=50)
 
@@ -177,10 +126,10 @@ def test_empty_scene_is_refused() -> None:
 
 
 def test_not_finite_is_refused_or_dropped() -> None:
-    """NaN and infinity are refused with count and first index, or dropped and counted."""
+    """NaN and infinite positions are refused with count and first index, or dropped and counted."""
     scene = cloud(50)
-    scene.positions[7, 1] = np.nan
-    scene.opacity_logits[9] = np.inf
+    scene.positions[7, 1] = np.inf
+    scene.opacity_logits[9] = np.nan
     with pytest.raises(InvalidInput, match=r"input-not-finite.*2.*7"):
         clean(scene)
     kept, dropped = clean(scene, drop_invalid=True)

@@ -15,7 +15,7 @@ import pytest
 
 from release.bom import COMPONENTS, bundled_in, write_bill
 from release.tree import Tree
-from scarfmt.viewer.offered import PAGE
+from scarfmt.viewer.offers import PAGE
 from tests.conftest import REPOSITORY
 
 METADATA = """Metadata-Version: 2.4

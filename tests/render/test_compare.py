@@ -11,12 +11,12 @@ import numpy as np
 import pytest
 
 from scarfmt.errors import InvalidInput
-from scarfmt.formats import load
 from scarfmt.render.compare import compare, compare_with_photos
 from scarfmt.render.images import read_image, to_bytes, write_png
 from scarfmt.render.metrics import psnr, ssim
 from scarfmt.render.rasterise import render
 from scarfmt.scene.gaussians import GaussianScene
+from tests.formats.scene_files import read_scene
 
 from .scenes import random_scene, small_camera
 
@@ -78,8 +78,7 @@ def test_photos_of_the_chosen_split_are_compared(tmp_path: Path) -> None:
 @pytest.mark.scene
 def test_real_scene_has_the_quality_its_training_reported(shared_data: Path) -> None:
     """28.18 dB and SSIM 0.891 over the 13 held-out photos: cameras, SH, blending and metrics are all right."""
-    scene = load(shared_data / "splats" / "plush-on-bed.ply")
-    assert isinstance(scene, GaussianScene)
+    scene = read_scene(shared_data / "splats" / "plush-on-bed.ply")
     result = compare_with_photos(scene, shared_data / "photos" / "plush-on-bed")
     assert len(result.names) == 13
     assert result.mean_psnr_db == pytest.approx(28.18, abs=0.01)

@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from scarfmt.errors import InvalidInput
 from scarfmt.render.camera import Camera, look_at
 from scarfmt.render.gradients import gradients
 from scarfmt.render.projection import Drawable
 from scarfmt.render.rasterise import render
 from scarfmt.scene.gaussians import GaussianScene
+from tests.samples.codec_samples import refuses
 
 COUNT = 8
 CAMERA = look_at(np.array([0, 0, -40.0]), np.zeros(3), np.array([0, -1.0, 0]), 24, 18, 4.0, near=0.1)
@@ -99,6 +99,4 @@ def test_what_is_clamped_has_no_slope() -> None:
 
 
 def test_a_picture_of_another_size_is_refused() -> None:
-    with pytest.raises(InvalidInput) as caught:
-        gradients(Drawable.of(smooth_scene()), CAMERA, TARGET[1:])
-    assert caught.value.refusal == "input-shape"
+    refuses("input-shape", lambda: gradients(Drawable.of(smooth_scene()), CAMERA, TARGET[1:]))

@@ -8,8 +8,11 @@ import numba
 import numpy as np
 import pytest
 
+from scarfmt.container.registries import RenderModel
 from scarfmt.errors import InvalidInput
-from scarfmt.render.rasterise import Contributions, contributions, render, render_with
+from scarfmt.render.camera import Camera
+from scarfmt.render.rasterise import Contributions, contributions_by_view, render, render_with
+from scarfmt.scene.description import Description
 from scarfmt.scene.gaussians import GaussianScene
 from tests.render.reference_rasteriser import pixel_blends, render_reference, visible_ellipses
 
@@ -75,7 +78,7 @@ def test_nothing_visible_shows_the_background() -> None:
     behind = replace(scene, positions=scene.positions - [0, 0, 100])
     for hidden in (behind, scene.take(np.arange(0))):
         assert (render(hidden, camera, (0.25, 0.5, 0.75)) == np.float32([0.25, 0.5, 0.75])).all()
-        assert contributions(hidden, [camera]).weight_sum.sum() == 0
+        assert [len(seen.index) for seen in contributions_by_view(hidden, [camera])] == [0]
 
 
 def test_non_finite_gaussians_are_not_drawn() -> None:
@@ -113,7 +116,7 @@ def test_same_bits_with_one_and_two_threads() -> None:
         results = []
         for count in (1, min(2, threads)):
             numba.set_num_threads(count)
-            results.append((render(scene, camera), contributions(scene, [camera, small_camera()])))
+            results.append((render(scene, camera), next(contributions_by_view(scene, [camera]))))
     finally:
         numba.set_num_threads(threads)
     assert np.array_equal(results[0][0], results[1][0])
@@ -121,17 +124,14 @@ def test_same_bits_with_one_and_two_threads() -> None:
         assert np.array_equal(getattr(results[0][1], field.name), getattr(results[1][1], field.name)), field.name
 
 
-def _literal_weights(scene: GaussianScene) -> np.ndarray:
-    """(views, N, pixels) blending weights from the reference, for two views."""
-    weights = []
-    for camera in (small_camera(), small_camera(33, 20)):
-        view = np.zeros((len(scene), camera.width * camera.height))
-        ellipses = visible_ellipses(scene, camera)
-        for pixel in range(view.shape[1]):
-            for ellipse, alpha, before in pixel_blends(ellipses, pixel % camera.width, pixel // camera.width)[0]:
-                view[ellipse.index, pixel] = alpha * before
-        weights.append(view)
-    return np.concatenate([weights[0], weights[1]], axis=1), [view.any(axis=1) for view in weights]
+def _literal_weights(scene: GaussianScene, camera: Camera) -> np.ndarray:
+    """(N, pixels) blending weights from the reference."""
+    weights = np.zeros((len(scene), camera.width * camera.height))
+    ellipses = visible_ellipses(scene, camera)
+    for pixel in range(weights.shape[1]):
+        for ellipse, alpha, before in pixel_blends(ellipses, pixel % camera.width, pixel // camera.width)[0]:
+            weights[ellipse.index, pixel] = alpha * before
+    return weights
 
 
 def _closing_scene() -> GaussianScene:
@@ -143,23 +143,42 @@ def _closing_scene() -> GaussianScene:
 @pytest.mark.parametrize("build", [lambda: random_scene(10, 60), lambda: degenerate_scene(11), _closing_scene])
 def test_contributions_are_sums_over_blending_weights(build) -> None:
     scene = build()
-    weights, seen = _literal_weights(scene)
-    measured = contributions(scene, [small_camera(), small_camera(33, 20)])
-    np.testing.assert_allclose(measured.weight_sum, weights.sum(axis=1), rtol=1e-6, atol=1e-9)
-    np.testing.assert_allclose(measured.weight_sq, (weights**2).sum(axis=1), rtol=1e-6, atol=1e-9)
-    np.testing.assert_allclose(measured.weight_max, weights.max(axis=1), rtol=1e-6, atol=1e-9)
-    assert np.array_equal(measured.views, seen[0].astype(int) + seen[1])
-    assert 0 < (measured.views == 0).sum() < len(scene)
+    cameras = [small_camera(), small_camera(33, 20)]
+    for camera, measured in zip(cameras, contributions_by_view(scene, cameras), strict=True):
+        weights = _literal_weights(scene, camera)
+        assert np.array_equal(measured.index, np.flatnonzero(weights.any(axis=1)))
+        weights = weights[measured.index]
+        np.testing.assert_allclose(measured.weight_sum, weights.sum(axis=1), rtol=1e-6, atol=1e-9)
+        np.testing.assert_allclose(measured.weight_sq, (weights**2).sum(axis=1), rtol=1e-6, atol=1e-9)
+        np.testing.assert_allclose(measured.weight_max, weights.max(axis=1), rtol=1e-6, atol=1e-9)
+        assert 0 < len(measured.index) < len(scene)
 
 
 def test_contrast_is_what_removing_the_gaussian_changes() -> None:
     """w (c - c_behind) is the difference to the picture without the Gaussian, unless a pixel closes early."""
     scene, camera = random_scene(12, 25), small_camera()
     scene = replace(scene, opacity_logits=scene.opacity_logits / np.float32(4) - np.float32(1))
-    background = (0.9, 0.1, 0.4)
-    whole = render_reference(scene, camera, background)
-    measured = contributions(scene, [camera], background).contrast_sq
+    whole, measured = render_reference(scene, camera), np.zeros(len(scene))
+    [seen] = contributions_by_view(scene, [camera])
+    measured[seen.index] = seen.contrast_sq
     for i in range(len(scene)):
-        without = render_reference(scene.take(np.delete(np.arange(len(scene)), i)), camera, background)
+        without = render_reference(scene.take(np.delete(np.arange(len(scene)), i)), camera)
         assert measured[i] == pytest.approx(((whole - without) ** 2).sum(), rel=1e-5, abs=1e-12)
     assert (measured > 0).sum() > 5
+
+
+def test_antialiased_gaussians_are_as_much_fainter_as_they_are_widened() -> None:
+    """One Gaussian of 0.2 pixels in the middle of a pixel: Mip-Splatting's factor is sqrt(det / det dilated)."""
+    pixels, alpha = 0.2, 0.8
+    camera = Camera(9, 9, 9.0, 9.0, 4.5, 4.5, np.eye(4))
+    scene = GaussianScene(
+        np.array([[0.0, 0.0, 1.0]]),
+        np.full((1, 3), np.log(pixels / 9), np.float32),
+        np.array([[1, 0, 0, 0]], np.float32),
+        np.array([np.log(alpha / (1 - alpha))], np.float32),
+        np.full((1, 1, 3), 0.5 / 0.28209479177387814, np.float32),
+    )
+    marked = replace(scene, description=Description(RenderModel.ANTIALIASED))
+    classic, fainter = (float(render(each, camera)[4, 4, 0]) for each in (scene, marked))
+    assert classic == pytest.approx(alpha, abs=1e-6)
+    assert fainter == pytest.approx(alpha * pixels**2 / (pixels**2 + camera.dilation), abs=1e-6)

@@ -16,7 +16,7 @@ from scarfmt.entropy.emitters import Emitter, SymbolCounter, SymbolWriter
 from scarfmt.entropy.keys import StepKey, TableKey
 from scarfmt.entropy.symbol_reader import SymbolReader
 from scarfmt.entropy.symbol_tables import SymbolTable
-from scarfmt.errors import Malformed
+from scarfmt.errors import ScarError
 
 Put = Callable[[Emitter], None]
 Tables = Mapping[TableKey, SymbolTable]
@@ -64,8 +64,8 @@ def emitting(*groups: tuple[TableKey, list[int]]) -> SymbolReader:
 
 
 def refuses(refusal: str, act: Callable[[], object]) -> None:
-    """Assert that `act` raises Malformed with this refusal id."""
-    with pytest.raises(Malformed) as caught:
+    """Assert that `act` raises an error with this refusal id."""
+    with pytest.raises(ScarError) as caught:
         act()
     assert caught.value.refusal == refusal
 

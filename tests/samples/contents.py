@@ -25,7 +25,7 @@ def same_content(a: TileContent, b: TileContent) -> bool:
 
 def arrays_of(tile: TileContent) -> list[NDArray[np.generic]]:
     """All arrays of a tile."""
-    return [tile.codes, tile.classes, tile.indices, tile.slot_layers, *tile.values, *tile.first]
+    return [tile.codes, tile.classes, tile.indices, tile.slot_layers, *tile.values]
 
 
 def read_everything(data: bytes, limits: Limits = DEFAULT_LIMITS) -> Contents:

@@ -1,4 +1,4 @@
-"""Gaussians turned, scaled and moved: they look as before to a camera that goes with them."""
+"""Gaussians turned, scaled and moved look as before to a camera that goes with them; spherical harmonics turn alike."""
 
 from __future__ import annotations
 
@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from scarfmt.scene.gaussians import GaussianScene
-from scarfmt.scene.harmonics import sh_basis
-from scarfmt.scene.placement import Placement
+from scarfmt.scene.placement import Placement, sh_basis, turned
 from scarfmt.scene.rotation import matrix_from_quaternion
 
 RNG = np.random.default_rng(5)
@@ -29,8 +28,6 @@ def covariances(of: GaussianScene) -> np.ndarray:
 def test_a_matrix_is_taken_apart() -> None:
     np.testing.assert_allclose(PLACEMENT.rotation, ROTATION, atol=1e-14)
     assert PLACEMENT.scale == pytest.approx(2.5, rel=1e-14)
-    points = RNG.normal(size=(9, 3))
-    np.testing.assert_allclose(PLACEMENT.points_back(PLACEMENT.points(points)), points, atol=1e-11)
 
 
 def test_shapes_are_turned_and_scaled() -> None:
@@ -57,20 +54,31 @@ def test_colours_go_with_the_directions(degree: int) -> None:
     assert after.sh.dtype == np.float32
 
 
-def test_a_box_holds_what_comes_to_lie_in_it() -> None:
-    points = RNG.uniform(-1, 1, size=(2000, 3))
-    placed = PLACEMENT.points(points)
-    low, high = PLACEMENT.box(np.full(3, -1.0), np.full(3, 1.0))
-    assert ((placed >= low) & (placed <= high)).all()
-    wanted = placed[0] - 1, placed[0] + 1
-    inside = ((placed >= wanted[0]) & (placed <= wanted[1])).all(axis=1)
-    back = PLACEMENT.box_back(*wanted)
-    assert inside.any()
-    assert ((points[inside] >= back[0]) & (points[inside] <= back[1])).all()
-
-
 def test_what_rounding_left_of_a_rotation_is_one_again() -> None:
     rounded = np.array(ROWS, np.float32).astype(np.float64)
     rotation = Placement.of(rounded.tolist()).rotation
     np.testing.assert_allclose(rotation @ rotation.T, np.eye(3), atol=1e-15)
     assert np.linalg.det(rotation) == pytest.approx(1)
+
+
+def test_basis_is_orthonormal_on_the_sphere() -> None:
+    """Pins all 16 constants at once: an integral over the sphere, by points evenly spread."""
+    k = np.arange(20000) + 0.5
+    z, angle = 1 - k / 10000, np.pi * (1 + 5**0.5) * k  # a Fibonacci sphere
+    ring = np.sqrt(1 - z * z)
+    directions = np.stack([ring * np.cos(angle), ring * np.sin(angle), z], axis=1)
+    basis = sh_basis(directions, 3)
+    np.testing.assert_allclose(4 * np.pi * basis.T @ basis / 20000, np.eye(16), atol=2e-3)
+
+
+@pytest.mark.parametrize("degree", [0, 1, 2, 3])
+def test_what_was_seen_in_a_direction_is_seen_in_the_turned_one(degree: int) -> None:
+    rng = np.random.default_rng(degree)
+    rotation = matrix_from_quaternion(rng.normal(size=(1, 4)))[0]
+    coefficients = rng.normal(size=2 * degree + 1)
+    directions = rng.normal(size=(50, 3))
+    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+    band = slice(degree**2, (degree + 1) ** 2)
+    before = sh_basis(directions, degree)[:, band] @ coefficients
+    after = sh_basis(directions @ rotation.T, degree)[:, band] @ (turned(rotation, degree) @ coefficients)
+    np.testing.assert_allclose(after, before, atol=1e-13)

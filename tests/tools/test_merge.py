@@ -11,25 +11,24 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from fuzz.testing.scenes import random_scene
-from scarfmt.blocks.streaming import Streaming
 from scarfmt.coding.writer import write_scene
 from scarfmt.container.file import Container
 from scarfmt.container.schema import Profile
 from scarfmt.container.source import BytesSource
 from scarfmt.errors import InvalidInput, Malformed
-from scarfmt.tools.annotate import annotated, with_streaming
+from scarfmt.tools.annotate import annotated
 from scarfmt.tools.merge import merge_to
 from scarfmt.tools.split import even_parts, split_to
 from scarfmt.tools.truncate import truncate
+from tests.blocks.test_streaming import random_boxes
 
-FILES = {profile: annotated(write_scene(random_scene(3, profile, tiles=8)), {"title": "whole"}) for profile in Profile}
+
+def written(profile: Profile, streaming: bool = False) -> bytes:
+    scene = replace(random_scene(3, profile, tiles=8), metadata={"title": "whole"})
+    return write_scene(replace(scene, streaming=random_boxes(len(scene.tiles)) if streaming else None))
 
 
-def told(tiles: int, layers: int) -> Streaming:
-    rng = np.random.default_rng(0)
-    low = rng.integers(0, 100, (tiles, 3)).astype(np.uint8)
-    gains = rng.integers(0, 255, (2, layers, tiles)).astype(np.uint8)
-    return Streaming(low, low + np.uint8(9), gains[0, 0], rng.normal(size=(2, 3)).astype(np.float32), gains)
+FILES = {profile: written(profile) for profile in Profile}
 
 
 def split(data: bytes, parts: list[np.ndarray]) -> list[bytes]:
@@ -54,10 +53,8 @@ def halves(data: bytes) -> list[bytes]:
 @given(st.sampled_from([*Profile]), st.booleans(), st.data())
 def test_what_was_split_is_merged_to_the_same_bytes(profile: Profile, streaming: bool, data: st.DataObject) -> None:
     """However its tiles are divided, also where parts lie between each other; in any order."""
-    whole = FILES[profile]
+    whole = written(profile, streaming)
     header = Container.open(BytesSource(whole)).header
-    if streaming:
-        whole = with_streaming(whole, told(header.tile_count, header.layer_count))
     owners = np.array(data.draw(st.lists(st.integers(0, 3), min_size=header.tile_count, max_size=header.tile_count)))
     parts = split(whole, [np.flatnonzero(owners == owner) for owner in np.unique(owners)])
     assert merge(data.draw(st.permutations(parts))) == whole
@@ -102,16 +99,14 @@ def test_annotations_that_differ_are_left_out() -> None:
     """Such annotations would be true of only a part of the joined file."""
     first, second = halves(FILES[Profile.EXPLICIT])
     assert merge([annotated(first, {"a": 1}), annotated(second, {"a": 2})]) == merge(
-        halves(write_scene(random_scene(3, Profile.EXPLICIT, tiles=8)))
+        halves(write_scene(replace(random_scene(3, Profile.EXPLICIT, tiles=8), metadata={})))
     )
 
 
-def test_clients_are_told_nothing_where_not_all_is_known() -> None:
-    """Gains from other viewpoints cannot be compared."""
-    whole = FILES[Profile.EXPLICIT]
-    first, second = halves(whole)
-    header = Container.open(BytesSource(first)).header
-    assert merge([with_streaming(first, told(header.tile_count, header.layer_count)), second]) == whole
+def test_boxes_are_left_out_where_not_all_files_have_them() -> None:
+    first, _ = halves(written(Profile.EXPLICIT, streaming=True))
+    _, second = halves(FILES[Profile.EXPLICIT])
+    assert merge([first, second]) == FILES[Profile.EXPLICIT]
 
 
 def test_damage_is_not_copied() -> None:

@@ -12,7 +12,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from fuzz.testing.parts import put_together, take_apart
+from conformance.surgery.files import blocks_of, rebuilt, stream_bytes, tile_parts
 from fuzz.testing.scenes import random_scene
 from fuzz.testing.strategies import quantised_scenes
 from scarfmt.blocks.mlp import Linear, QuantisedMlp, pack_networks
@@ -23,14 +23,13 @@ from scarfmt.container.bytefields import compress
 from scarfmt.container.file import Block, Container, write_container
 from scarfmt.container.schema import BlockKind, Profile, Stream
 from scarfmt.container.source import BytesSource
-from scarfmt.container.substreams import pack_substreams, unpack_table
+from scarfmt.container.substreams import pack_substreams
 from scarfmt.entropy.keys import TableKey
 from scarfmt.entropy.symbol_tables import SymbolTable
 from scarfmt.errors import InvalidInput
 from scarfmt.limits import Limits
 from scarfmt.tools.validate import Validation, validate
 from tests.samples.container_samples import edit, get
-from tests.samples.front_samples import Front
 
 SEED = 1
 
@@ -53,22 +52,10 @@ def refusals(result: Validation) -> list[str]:
     return [finding.refusal for finding in result.findings]
 
 
-def as_block(container: Container, index: int) -> Block:
-    entry = container.entries[index]
-    payload = container.read_block(entry)
-    streams = {}
-    if entry.kind == BlockKind.TILE:
-        streams = {int(kind): part.length for kind, part in unpack_table(payload, len(payload)).items()}
-    return Block(entry.kind, entry.layer, payload, entry.tile, entry.count, streams)
-
-
-def rebuilt(data: bytes, change: Callable[[Block], Block | None], extra: tuple[Block, ...] = ()) -> bytes:
+def with_blocks(data: bytes, change: Callable[[Block], Block | None], extra: tuple[Block, ...] = ()) -> bytes:
     """The file with each block passed through `change` (None drops it), all checksums of the container right."""
-    container = Container.open(BytesSource(data))
-    blocks = [change(as_block(container, index)) for index in range(len(container.entries))]
-    counts = [(layer.anchor_count, layer.gaussian_count) for layer in container.header.layers]
-    kept = [block for block in blocks if block is not None]
-    return write_container(container.header.fields, container.tiles, [*kept, *extra], counts)
+    blocks = [block for block in map(change, blocks_of(data)) if block is not None]
+    return rebuilt(data, [*blocks, *extra])
 
 
 def replacing(kind: BlockKind, layer: int, **changes: Any) -> Callable[[Block], Block]:
@@ -134,16 +121,16 @@ def test_all_layers_of_a_sound_file_are_readable(explicit: bytes, anchor: bytes)
 @pytest.mark.parametrize("layer", [1, 2, 3])
 def test_a_layer_whose_symbols_do_not_decode_is_not_readable(explicit: bytes, layer: int, damage: str) -> None:
     """All checksums hold: only decoding shows it, and those before it still decode."""
-    parts = take_apart(explicit)
-    block = next(block for block in parts.blocks if block.kind == BlockKind.TILE and block.layer == layer)
-    table = unpack_table(block.payload, len(block.payload))
-    streams = {kind: block.payload[part.start : part.start + part.length] for kind, part in table.items()}
+    blocks = blocks_of(explicit)
+    row = next(i for i, b in enumerate(blocks) if (b.kind, b.layer) == (BlockKind.TILE, layer))
+    streams = tile_parts(blocks[row].payload)
     if damage == "a word too many":
         streams[max(streams)] += bytes(4)
     else:
         streams[Stream.MASKS] = bytes(4)
-    block.payload = pack_substreams(streams)
-    result = check(put_together(parts))
+    payload = pack_substreams(streams)
+    blocks[row] = replace(blocks[row], payload=payload, stream_bytes=stream_bytes(payload))
+    result = check(rebuilt(explicit, blocks))
     assert not result.valid
     assert result.layers_readable == layer - 1
 
@@ -176,12 +163,9 @@ def test_bytes_after_the_file_do_not_hide_other_damage(explicit: bytes) -> None:
 
 def test_a_broken_front_is_told(explicit: bytes) -> None:
     assert refusals(check(edit(explicit, "FILE_HEADER", 0, "profile", 9))) == ["bad-profile"]
-    front = Front.of(explicit)
-    front.models[0][0].flags = 2
-    assert refusals(check(front.bytes())) == ["entry-flags"]
-    front = Front.of(explicit)
-    front.pages[0].rows[-1].row_crc32 = 0
-    assert refusals(check(front.bytes())) == ["page-crc-mismatch"]
+    damaged = bytearray(explicit)
+    damaged[get(explicit, "FILE_HEADER", 0, "header_length") + get(explicit, "FILE_HEADER", 0, "root_length")] ^= 1
+    assert refusals(check(bytes(damaged))) == ["page-crc-mismatch"]
 
 
 def test_not_a_scar_file_at_all() -> None:
@@ -191,14 +175,14 @@ def test_not_a_scar_file_at_all() -> None:
 
 
 def test_stream_bytes_of_a_summary_are_compared_with_the_sub_streams(explicit: bytes) -> None:
-    positions, scale = (
-        get(explicit, "LAYER_SUMMARY", 1, "stream_bytes", kind) for kind in (Stream.POSITIONS, Stream.SCALE)
-    )
-    wrong = edit(explicit, "LAYER_SUMMARY", 1, "stream_bytes", positions + 4, Stream.POSITIONS)
-    wrong = edit(wrong, "LAYER_SUMMARY", 1, "stream_bytes", scale - 4, Stream.SCALE)
+    sizes = {kind: get(explicit, "LAYER_SUMMARY", 1, "stream_bytes", kind) for kind in Stream}
+    other = next(kind for kind, size in sizes.items() if kind > Stream.POSITIONS and size >= 4)
+    wrong = edit(explicit, "LAYER_SUMMARY", 1, "stream_bytes", sizes[Stream.POSITIONS] + 4, Stream.POSITIONS)
+    wrong = edit(wrong, "LAYER_SUMMARY", 1, "stream_bytes", sizes[other] - 4, other)
     result = check(wrong)
     assert refusals(result) == ["layer-stream-bytes"] * 2
-    assert [finding.field for finding in result.findings] == ["layers[1].stream_bytes[1]", "layers[1].stream_bytes[5]"]
+    fields = [finding.field for finding in result.findings]
+    assert fields == ["layers[1].stream_bytes[1]", f"layers[1].stream_bytes[{int(other)}]"]
 
 
 def test_gaussian_counts_are_compared_with_the_masks(anchor: bytes) -> None:
@@ -209,18 +193,18 @@ def test_gaussian_counts_are_compared_with_the_masks(anchor: bytes) -> None:
 
 
 def test_a_count_that_is_not_the_number_of_elements(explicit: bytes) -> None:
-    assert refusals(check(rebuilt(explicit, replacing(BlockKind.LAYER, 2, count=9)))) == ["entry-count"]
+    assert refusals(check(with_blocks(explicit, replacing(BlockKind.LAYER, 2, count=9)))) == ["entry-count"]
 
 
 def test_a_missing_model_block_is_told_and_earlier_layers_still_decoded(explicit: bytes) -> None:
-    cut = rebuilt(explicit, lambda b: None if (b.kind, b.layer) == (BlockKind.LAYER, 2) else b)
+    cut = with_blocks(explicit, lambda b: None if (b.kind, b.layer) == (BlockKind.LAYER, 2) else b)
     result = check(cut)
     assert refusals(result) == ["missing-block"]
     assert result.tiles_decoded == 3
 
 
 def test_a_missing_table_is_told(explicit: bytes) -> None:
-    cut = rebuilt(explicit, lambda b: None if b.kind == BlockKind.TABLES else b)
+    cut = with_blocks(explicit, lambda b: None if b.kind == BlockKind.TABLES else b)
     assert set(refusals(check(cut))) == {"missing-table"}
 
 
@@ -234,32 +218,30 @@ def test_a_table_nobody_uses_is_a_warning_only(explicit: bytes) -> None:
         tables = {**reader.models(1).tables[0], TableKey(Stream.COLOUR, 31, 19, 255): table}
         return replace(block, payload=compress(pack_tables(tables)), count=len(tables))
 
-    result = check(rebuilt(explicit, with_idle))
+    result = check(with_blocks(explicit, with_idle))
     assert refusals(result) == ["unused-table"]
     assert result.valid
 
 
 def test_metadata_must_be_a_json_object(explicit: bytes) -> None:
     extra = (Block(BlockKind.METADATA, 1, b"[1]"),)
-    broken = rebuilt(explicit, lambda b: None if b.kind == BlockKind.METADATA else b, extra)
+    broken = with_blocks(explicit, lambda b: None if b.kind == BlockKind.METADATA else b, extra)
     assert refusals(check(broken)) == ["bad-metadata"]
 
 
 def test_a_sub_stream_that_breaks_its_own_checksum_is_told(explicit: bytes) -> None:
-    done = []
+    done: list[Block] = []
 
     def damage(block: Block) -> Block:
         if block.kind != BlockKind.TILE or done:
             return block
-        table = unpack_table(block.payload, len(block.payload))
-        streams = {kind: block.payload[part.start : part.start + part.length] for kind, part in table.items()}
-        packed = bytearray(pack_substreams(streams))
+        packed = bytearray(pack_substreams(tile_parts(block.payload)))
         packed[-1] ^= 1
         done.append(block)
         return replace(block, payload=bytes(packed))
 
     # The block's own CRC-32 is right here: only a reader that looks inside can tell.
-    assert refusals(check(rebuilt(explicit, damage))) == ["crc-mismatch"]
+    assert refusals(check(with_blocks(explicit, damage))) == ["crc-mismatch"]
 
 
 def network(inputs: int, outputs: int) -> QuantisedMlp:
@@ -268,12 +250,12 @@ def network(inputs: int, outputs: int) -> QuantisedMlp:
 
 def test_scene_networks_must_fit_the_slots(anchor: bytes) -> None:
     payload = pack_networks((network(12, 1), network(12, 7), network(12, 4)))
-    result = check(rebuilt(anchor, replacing(BlockKind.SCENE_MLP, 1, payload=payload)))
+    result = check(with_blocks(anchor, replacing(BlockKind.SCENE_MLP, 1, payload=payload)))
     assert "bad-mlp" in refusals(result)
 
 
 def test_the_anchor_profile_needs_its_networks(anchor: bytes) -> None:
-    cut = rebuilt(anchor, lambda b: None if b.kind == BlockKind.SCENE_MLP else b)
+    cut = with_blocks(anchor, lambda b: None if b.kind == BlockKind.SCENE_MLP else b)
     assert refusals(check(cut)) == ["bad-mlp"]
 
 
@@ -292,3 +274,19 @@ def test_the_json_form_is_json_and_says_valid(explicit: bytes) -> None:
     assert document["valid"] is False
     assert document["findings"][0]["refusal"] == "truncated-file"
     assert document["findings"][0]["offset"] == len(explicit) - 1
+
+
+def test_rules_marked_v_are_reported_after_all_others() -> None:
+    """R-12.2-2: counts and sums that a decoder need not compare, found with the first block, are reported last."""
+    data = write_scene(random_scene(3, Profile.EXPLICIT))
+    container = Container.open(BytesSource(data))
+    counts = [(layer.anchor_count, layer.gaussian_count) for layer in container.header.layers]
+    blocks = [
+        Block(e.kind, e.layer, payload, e.tile, e.count + (e.kind == BlockKind.LAYER), {}, e.flags)
+        for e, payload in container.read_blocks(container.entries)
+    ]
+    wrong = bytearray(write_container(container.header.fields, container.tiles, blocks, counts))
+    wrong[-1] ^= 1
+    found = [finding.refusal for finding in validate(BytesSource(bytes(wrong))).findings]
+    assert found[0] == "crc-mismatch"
+    assert set(found[1:]) == {"entry-count", "layer-stream-bytes"}

@@ -1,11 +1,13 @@
-"""The browser package, built as its sources are now, and why its tests are skipped where that cannot be."""
+"""The browser package, built from its sources as they are now; its tests are skipped where that cannot be done."""
 
 from __future__ import annotations
 
 import fcntl
-import re
+import importlib.util
+import os
 import shutil
 import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -14,48 +16,40 @@ from tests.conftest import REPOSITORY
 
 WEB = REPOSITORY / "web"
 BUILT = WEB / "dist" / "scar-stream.js"
-LEAST_NODE = 20
-SUFFIXES = (".ts", ".js", ".mjs", ".c", ".h", ".sh", ".html", ".css")
+SUFFIXES = (".ts", ".mjs", ".c", ".h", ".sh", ".html", ".css")
 
 
-def missing() -> str | None:
-    """The requirements of these tests that are missing, None if nothing."""
-    node = shutil.which("node")
-    if node is None:
+def _missing() -> str | None:
+    """The requirement of these tests that is missing."""
+    if shutil.which("node") is None:
         return "there is no node on the path"
-    version = subprocess.run([node, "--version"], capture_output=True, text=True, check=False).stdout
-    match = re.match(r"v(\d+)\.", version)
-    if match is None or int(match[1]) < LEAST_NODE:
-        return f"node is {version.strip()}, {LEAST_NODE} is needed"
     if not (WEB / "node_modules").is_dir():
         return "web/node_modules is missing: make web"
+    if importlib.util.find_spec("ziglang") is None:
+        return "ziglang is missing: make web"
     return None
 
 
-def newest_source() -> float:
-    """Time of the last change of what web/dist is built from, seconds."""
-    folders = [WEB / name for name in ("src", "test", "viewer", "wasm")]
-    folders.append(REPOSITORY / "conformance" / "decoders" / "js")
+def _is_current() -> bool:
+    """Whether `web/dist` is newer than its sources."""
+    folders = [*(WEB / name for name in ("src", "test", "viewer")), REPOSITORY / "scarfmt" / "native"]
     files = [path for folder in folders for path in folder.rglob("*") if path.suffix in SUFFIXES]
-    files += (REPOSITORY / "scarfmt" / "kernel").glob("*.[ch]")
-    return max(path.stat().st_mtime for path in [*files, *WEB.glob("*.mjs"), WEB / "package-lock.json"])
-
-
-def is_current() -> bool:
-    return BUILT.exists() and BUILT.stat().st_mtime >= newest_source()
+    files += [path for pattern in ("*.mjs", "*.sh", "*.json") for path in WEB.glob(pattern)]
+    return BUILT.exists() and BUILT.stat().st_mtime >= max(path.stat().st_mtime for path in files)
 
 
 @pytest.fixture(scope="session")
 def web() -> Path:
-    """web/, built anew where its sources changed; the test is skipped where it cannot be built."""
-    lacking = missing()
+    """`web/`, built anew where its sources changed."""
+    lacking = _missing()
     if lacking is not None:
         pytest.skip(lacking)
     # Several processes may run tests at once; one of them builds.
     with (WEB / "node_modules" / ".building").open("w") as lock:
         fcntl.flock(lock, fcntl.LOCK_EX)
-        if not is_current():
-            subprocess.run(["npm", "run", "--silent", "build"], cwd=WEB, timeout=300, check=True)
+        if not _is_current():
+            environment = {**os.environ, "PYTHON": sys.executable}
+            subprocess.run(["npm", "run", "--silent", "build"], cwd=WEB, env=environment, timeout=300, check=True)
     return WEB
 
 

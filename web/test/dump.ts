@@ -5,16 +5,14 @@
  */
 
 import { writeSync } from "node:fs";
-import { createJsDecoder } from "../src/decoder/js.js";
 import { Feeder } from "./feeding.js";
 import { readBytes } from "./files.js";
 
 const [, , file, layers] = process.argv;
-const decoder = await createJsDecoder();
-const feeder = new Feeder(decoder, readBytes(file));
+const feeder = new Feeder(readBytes(file));
 feeder.decodeTo(Number(layers));
 for (let tile = 0; tile < feeder.tiles; tile++) {
-  const { count, centres, scales, quats, opacity, sh } = decoder.values(tile);
+  const { count, centres, scales, quats, opacity, sh } = feeder.decoder.values(tile);
   for (const array of [Uint32Array.of(count), centres, scales, quats, opacity, sh]) {
     const bytes = new Uint8Array(array.buffer);
     for (let at = 0; at < bytes.length;) at += writeSync(1, bytes, at);

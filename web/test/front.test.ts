@@ -2,15 +2,13 @@
 
 import assert from "node:assert/strict";
 import { describe, it } from "node:test";
-import { openScar } from "../../conformance/decoders/js/decoder.js";
-import type { Directory } from "../src/stream/directory.js";
-import { frontLength, openPages, parseFront } from "../src/stream/front.js";
+import { type Directory, frontLength, openPages, parseFront } from "../src/format/directory.js";
 import { FRONT_SIZES, openFront } from "../src/stream/open_front.js";
 import type { ByteSource } from "../src/stream/source.js";
 import { wantedEntries } from "../src/stream/wanted.js";
-import { toys, vector } from "./files.js";
-import { openedFront } from "./fronts.js";
-import { repaged, replicated } from "./replicas.js";
+import { Feeder } from "./feeding.js";
+import { openedFront, toys, vector, WholeFile } from "./files.js";
+import { repack, replicated } from "./packing.js";
 
 const bytes = toys();
 
@@ -40,27 +38,32 @@ function anchors({ index: { tiles, layers, counts } }: Directory): number[] {
 }
 
 /** Bytes of the directory. */
-const directoryBytes = (file: Uint8Array) => openScar(file).container.entries.offset[0];
+const directoryBytes = (file: Uint8Array) => new WholeFile(file).blocks[0].offset;
+
+/** The same blocks in pages of 2^pageBits tiles. */
+const repaged = (file: Uint8Array, pageBits: number) => repack(new WholeFile(file), { pageBits });
 
 describe("the front", () => {
   it("gives what there is of all tiles, and slots in the anchor profile", () => {
     for (const file of [bytes, repaged(bytes, 2), vector("valid/anchors")]) {
       const front = openedFront(file);
-      const scar = openScar(file);
-      const sizes = [...scar.tiles()].map(({ size }) => size);
+      const feeder = new Feeder(file);
+      feeder.decodeTo(feeder.layers);
+      const { slots } = front.header;
+      const sizes = Array.from({ length: feeder.tiles }, (_, tile) => feeder.decoder.values(tile).count / slots);
       assert.deepEqual(anchors(front), sizes);
-      assert.equal(front.total, sizes.reduce((a, b) => a + b, 0) * scar.header.slots);
+      assert.equal(front.total, sizes.reduce((a, b) => a + b, 0) * slots);
     }
   });
 
   it("gives boxes that hold every anchor of their tile", () => {
-    const { index } = openedFront(bytes);
-    const scar = openScar(bytes);
-    const slack = scar.header.voxel;
-    for (const tile of scar.tiles()) {
-      const { position } = scar.exactValues(tile);
-      const box = index.boxes.subarray(6 * tile.number, 6 * tile.number + 6);
-      position.forEach((x, i) => assert.ok(x >= box[i % 3] - slack && x <= box[3 + (i % 3)] + slack));
+    const { index, header } = openedFront(bytes);
+    const feeder = new Feeder(bytes);
+    feeder.decodeTo(feeder.layers);
+    const slack = header.voxel;
+    for (let tile = 0; tile < feeder.tiles; tile++) {
+      const box = index.boxes.subarray(6 * tile, 6 * tile + 6);
+      feeder.decoder.values(tile).centres.forEach((x, i) => assert.ok(x >= box[i % 3] - slack && x <= box[3 + (i % 3)] + slack));
     }
   });
 
@@ -78,7 +81,7 @@ describe("the front", () => {
   });
 
   it("gives boxes of pages that hold those of their tiles", () => {
-    const file = replicated(bytes, 1, 3);
+    const file = replicated(new WholeFile(bytes), 1, 3);
     const coarse = parseFront(file, file.length).index.boxes;
     const fine = openedFront(file).index.boxes;
     fine.forEach((x, i) => assert.ok(i % 6 < 3 ? coarse[i] <= x : coarse[i] >= x));
@@ -106,15 +109,15 @@ describe("the front", () => {
   });
 
   it("is read up to the row pages of layer 1, of which a large directory has more than is asked for first", async () => {
-    const file = replicated(bytes, 2, 3);
+    const file = replicated(new WholeFile(bytes), 2, 3);
     assert.ok(directoryBytes(file) > FRONT_SIZES.firstBytes);
     const source = sourceOf(file, 1000);
     const { front, position, rest, requests } = await openFront(source, new AbortController().signal);
     assert.equal(requests, source.asked.length);
     assert.ok(requests <= 2);
-    const isOfLayer1 = (tile: number) => front.isPlaced(tile) && front.isTold(tile, 1);
+    const isOfLayer1 = (tile: number) => front.isPlaced(tile) && front.hasRow(tile, 1);
     assert.ok([...Array(front.index.tiles).keys()].every(isOfLayer1));
-    assert.equal(front.isTold(front.index.tiles - 1, 5), false);
+    assert.equal(front.hasRow(front.index.tiles - 1, 5), false);
     assert.deepEqual(rest, file.subarray(position, position + rest.length));
   });
 
@@ -136,12 +139,9 @@ describe("the front", () => {
     }
     assert.deepEqual(front.index, whole.index);
     assert.deepEqual(front.entries, whole.entries);
-    const scar = openScar(file).container;
-    const { kind, layer, tile, offset, length } = scar.entries;
-    for (const e of [...kind.keys()].filter((one) => kind[one] === 16)) {
-      const entry = front.numbers.tileBlock(tile[e], layer[e]);
-      assert.deepEqual([front.entries.offset[entry], front.entries.length[entry]], [offset[e], length[e]]);
-      assert.deepEqual(front.numbers.partOf(entry), { what: "tile", tile: tile[e], layer: layer[e] });
+    for (let tile = 0; tile < front.index.tiles; tile++) {
+      const entry = front.numbers.tileBlock(tile, 2);
+      assert.deepEqual(front.numbers.partOf(entry), { what: "tile", tile, layer: 2 });
     }
   });
 });
@@ -166,12 +166,12 @@ describe("what to fetch", () => {
     }
   });
 
-  it("has models of the layers before, and an annotation after the first models", () => {
-    const annotation = numbers.annotation(64);
-    const list = wantedEntries(front, [{ tile: 0, layer: 3 }], annotation);
+  it("has models of the layers before, and a block of no tile after the first models", () => {
+    const other = numbers.blockOfFirst(64);
+    const list = wantedEntries(front, [{ tile: 0, layer: 3 }], other);
     const first = numbers.models(1);
     assert.deepEqual(list.slice(0, first.length), first);
-    assert.equal(list[first.length], annotation);
+    assert.equal(list[first.length], other);
     for (const k of [1, 2, 3]) for (const e of numbers.models(k)) assert.ok(list.includes(e));
   });
 

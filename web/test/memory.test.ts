@@ -6,8 +6,7 @@ import { inRuns } from "../src/pack/places.js";
 import { Ledger } from "../src/stream/ledger.js";
 import { MemoryModel } from "../src/stream/memory.js";
 import { Tiles } from "../src/stream/tiles.js";
-import { toys } from "./files.js";
-import { openedFront } from "./fronts.js";
+import { openedFront, toys } from "./files.js";
 
 const bytes = toys();
 const made = (output: "values" | "words" = "values") =>

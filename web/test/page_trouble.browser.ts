@@ -68,4 +68,10 @@ describe("the viewer page in trouble", () => {
       { scene: new Uint8Array(5000).fill(7) },
     );
   });
+
+  it("says that the browser cannot decode", async () => {
+    await viewing(async (page) => assert.match(await message(page), /no WebAssembly with SIMD/), {
+      before: () => (WebAssembly.validate = () => false),
+    });
+  });
 });

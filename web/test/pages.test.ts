@@ -2,31 +2,25 @@
 
 import assert from "node:assert/strict";
 import { describe, it } from "node:test";
-import { openScar } from "../../conformance/decoders/js/decoder.js";
-import { repack } from "../../conformance/decoders/js/packing.mjs";
-import { inlineChannel } from "../src/decoder/channel.js";
-import { createWasmDecoder } from "../src/decoder/wasm.js";
 import type { Camera, Planner } from "../src/plan/types.js";
-import type { Directory } from "../src/stream/directory.js";
-import { parseFront } from "../src/stream/front.js";
+import { type Directory, parseFront } from "../src/format/directory.js";
 import type { StreamOptions } from "../src/stream/scar_stream.js";
-import { compiledModule, toys } from "./files.js";
-import { replicated } from "./replicas.js";
+import { toys, WholeFile } from "./files.js";
+import { repack, replicated } from "./packing.js";
 import { type FileServer, serving, type Trick } from "./server.js";
 import { assertComplete, assertShown, type Watched, watching } from "./watching.js";
 
 /** 192 tiles in 24 pages. */
-const bytes = replicated(toys(), 1, 3);
+const bytes = replicated(new WholeFile(toys()), 1, 3);
 const TILES = 192;
 const directory = parseFront(bytes, bytes.length);
 const { numbers, entries } = directory;
-const wasm = async () => createWasmDecoder(compiledModule());
 /** Pages only where the plan needs them. */
-const byNeed: StreamOptions = { firstBytes: 2280, frontBytes: 0, channel: inlineChannel(wasm) };
+const byNeed: StreamOptions = { firstBytes: 2280, frontBytes: 0 };
 
 /** Tiles x to x + 3 alone. */
 const four: Planner = {
-  plan({ layers }, _annotation, camera, have) {
+  plan({ layers }, camera, have) {
     const first = camera?.position[0] ?? 0;
     const tiles = [first, first + 1, first + 2, first + 3];
     const all = Array.from({ length: layers }, (_, k) => tiles.map((tile) => ({ tile, layer: k + 1 })));
@@ -35,7 +29,7 @@ const four: Planner = {
 };
 
 const onlyFirst: Planner = {
-  plan: (_index, _annotation, _camera, have) => {
+  plan: (_index, _camera, have) => {
     return [...have.keys()].filter((tile) => have[tile] === 0).map((tile) => ({ tile, layer: 1 }));
   },
 };
@@ -65,7 +59,7 @@ describe("a directory in pages", () => {
       await serving(bytes, async (url) => {
         await watching(url, { ...byNeed, firstBytes }, async (watched) => {
           const stats = await watched.end();
-          await assertComplete(watched, bytes, wasm);
+          assertComplete(watched, bytes);
           assert.deepEqual(watched.errors, []);
           assert.ok(stats.bytesRead < 1.02 * bytes.length, `${stats.bytesRead} bytes read of ${bytes.length}`);
         });
@@ -78,7 +72,7 @@ describe("a directory in pages", () => {
       server.ranges = false;
       await watching(url, byNeed, async (watched) => {
         await watched.end();
-        await assertComplete(watched, bytes, wasm);
+        assertComplete(watched, bytes);
         assert.equal(server.asked.length, 1);
       });
     });
@@ -97,7 +91,7 @@ describe("a directory in pages", () => {
         await watched.end();
         assert.ok(isOpen(numbers.rowPage(5, 22)) && !isOpen(numbers.rowPage(5, 21)));
         for (const tile of [180, 181, 182, 183]) assert.equal(watched.shown.get(tile)?.layer, 5);
-        await assertShown(watched.shown, bytes, wasm);
+        assertShown(watched.shown, bytes);
       });
     });
   });
@@ -108,7 +102,7 @@ describe("a directory in pages", () => {
       await watching(url, { ...byNeed, frontBytes: end, planner: onlyFirst }, async (watched) => {
         const { tilesAtLayer } = await watched.end();
         assert.deepEqual(tilesAtLayer, [TILES, 0, 0, 0, 0]);
-        await assertShown(watched.shown, bytes, wasm);
+        assertShown(watched.shown, bytes);
         const isOpen = opened(watched);
         for (let page = 0; page < 24; page++) assert.equal(isOpen(numbers.rowPage(2, page)), false);
         assert.deepEqual(server.asked[1].range, [2280, end - 1], "one stretch at the start of the file");
@@ -123,9 +117,9 @@ describe("a directory in pages", () => {
         const front = await watched.stream.ready;
         const before = front.index.bytes.slice();
         await watched.end();
-        const wanted = openScar(bytes).container.entries;
-        const ofTile = [...wanted.kind.keys()].filter((e) => wanted.kind[e] === 16);
-        for (const e of ofTile) assert.equal(front.index.bytes[wanted.tile[e] * 5 + wanted.layer[e] - 1], wanted.length[e]);
+        for (const { tile, layer, length } of new WholeFile(bytes).blocks) {
+          if (tile !== null) assert.equal(front.index.bytes[tile * 5 + layer - 1], length);
+        }
         assert.notDeepEqual(before, front.index.bytes);
       });
     });
@@ -152,7 +146,7 @@ describe("a page", () => {
         server.trick = answering(server, damaged(page), (number) => number === 2);
         await watching(url, byNeed, async (watched) => {
           await watched.end();
-          await assertComplete(watched, bytes, wasm);
+          assertComplete(watched, bytes);
           assert.deepEqual(watched.errors, []);
         });
       });
@@ -171,7 +165,7 @@ describe("a page", () => {
       };
       await watching(url, byNeed, async (watched) => {
         await watched.end();
-        await assertComplete(watched, bytes, wasm);
+        assertComplete(watched, bytes);
         assert.ok(watched.retries.length > 0);
       });
     });
@@ -184,7 +178,7 @@ describe("a page", () => {
         const told = watched.errors.map(({ id, offset, fatal }) => [id, offset, fatal]);
         assert.deepEqual(told, [["page-crc-mismatch", entries.offset[tilePage], false]]);
         assert.deepEqual(tilesAtLayer, Array(5).fill(TILES - 8));
-        await assertShown(watched.shown, bytes, wasm);
+        assertShown(watched.shown, bytes);
       });
     });
   });
@@ -196,14 +190,13 @@ describe("a page", () => {
         assert.deepEqual(watched.errors.map(({ id, layer }) => [id, layer]), [["page-crc-mismatch", 3]]);
         assert.deepEqual(tilesAtLayer, [TILES, TILES, TILES - 8, TILES - 8, TILES - 8]);
         for (let tile = 24; tile < 32; tile++) assert.equal(watched.shown.get(tile)?.layer, 2);
-        await assertShown(watched.shown, bytes, wasm);
+        assertShown(watched.shown, bytes);
       });
     });
   });
 
   it("that breaks a rule ends the stream, by that rule", async () => {
-    const change = ({ tiles }: { tiles: { depth: number[] }[] }) => (tiles[3].depth[1] = 22);
-    const broken = repack(openScar(bytes).container, { pageBits: 3, change });
+    const broken = repack(new WholeFile(bytes), { pageBits: 3, change: ({ tiles }) => (tiles[3].depth[1] = 22) });
     await serving(broken, async (url) => {
       await watching(url, byNeed, async (watched) => {
         await watched.end();

@@ -19,7 +19,7 @@ class Workers {
 
   async answer(worker: number): Promise<void> {
     const { id } = this.asked[worker].shift()!;
-    this.#events[worker].onReply({ id, engine: "wasm", memory: 0, took: 1, result: null, failure: null });
+    this.#events[worker].onReply({ id, memory: 0, took: 1, result: null, failure: null });
     await new Promise((resolve) => setImmediate(resolve));
   }
 }

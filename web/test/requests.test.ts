@@ -7,7 +7,7 @@ import { Backoff } from "../src/stream/backoff.js";
 import { StreamError } from "../src/stream/errors.js";
 import { Meter } from "../src/stream/meter.js";
 import { nextRequest, requestSizes } from "../src/stream/requests.js";
-import { crc32 } from "../../conformance/decoders/js/crc32.js";
+import { crc32 } from "../src/format/crc32.js";
 
 /** Ten blocks of 10 kB that touch each other. */
 const entries = { offset: [...Array(10).keys()].map((i) => 1000 + 10_000 * i), length: Array(10).fill(10_000) };

@@ -2,13 +2,8 @@
 
 import assert from "node:assert/strict";
 import { describe, it } from "node:test";
-import { inlineChannel } from "../src/decoder/channel.js";
-import { createWasmDecoder } from "../src/decoder/wasm.js";
 import type { Camera, Planner } from "../src/plan/types.js";
-import { openScar } from "../../conformance/decoders/js/decoder.js";
-import { fileOrder } from "../src/plan/file_order.js";
-import { compiledModule, toys, vector } from "./files.js";
-import { openedFront } from "./fronts.js";
+import { openedFront, toys, vector, WholeFile } from "./files.js";
 import { serving } from "./server.js";
 import { threadChannel } from "./threads.js";
 import { assertComplete, assertShown, watching } from "./watching.js";
@@ -17,7 +12,7 @@ const bytes = toys();
 
 /** Tiles in an order that a camera's x says: from tile x on. */
 const turning: Planner = {
-  plan({ tiles, layers }, _annotation, camera, have) {
+  plan({ tiles, layers }, camera, have) {
     const first = camera?.position[0] ?? 0;
     const steps = [];
     for (let layer = 1; layer <= layers; layer++) {
@@ -39,11 +34,10 @@ describe("a stream", () => {
     await serving(bytes, async (url) => {
       await watching(url, {}, async (watched) => {
         const stats = await watched.end();
-        await assertComplete(watched, bytes);
+        assertComplete(watched, bytes);
         assert.deepEqual(watched.errors, []);
         assert.deepEqual(stats.tilesAtLayer, [24, 24, 24, 24, 24]);
         assert.equal(stats.splatsShown, 10914);
-        assert.equal(stats.engine, "js");
         assert.ok(stats.layerAt.every((at) => at !== null));
       });
     });
@@ -53,18 +47,7 @@ describe("a stream", () => {
     await serving(bytes, async (url) => {
       await watching(url, { workers: 3, channel: threadChannel }, async (watched) => {
         await watched.end();
-        await assertComplete(watched, bytes);
-      });
-    });
-  });
-
-  it("decodes in WebAssembly, to what a direct decode in it gives", async () => {
-    const wasm = async () => createWasmDecoder(compiledModule());
-    await serving(bytes, async (url) => {
-      await watching(url, { channel: inlineChannel(wasm) }, async (watched) => {
-        await watched.end();
-        await assertComplete(watched, bytes, wasm);
-        assert.equal(watched.stream.stats().engine, "wasm");
+        assertComplete(watched, bytes);
       });
     });
   });
@@ -98,7 +81,7 @@ describe("a stream", () => {
   });
 
   it("asks for no byte of a block twice, in few requests", async () => {
-    const { entries } = openScar(bytes).container;
+    const [first] = new WholeFile(bytes).blocks;
     await serving(bytes, async (url, server) => {
       server.delay = 5;
       await watching(url, {}, async (watched) => {
@@ -106,7 +89,7 @@ describe("a stream", () => {
         const times = new Uint8Array(bytes.length);
         for (const { range } of server.asked) for (let at = range![0]; at <= range![1]; at++) times[at]++;
         assert.equal(
-          times.subarray(entries.offset[0]).findIndex((n) => n !== 1),
+          times.subarray(first.offset).findIndex((n) => n !== 1),
           -1,
         );
         assert.equal(server.asked.length, stats.requests);
@@ -122,7 +105,7 @@ describe("a stream", () => {
       await watching(url, { planner: turning, camera: lookingFrom(20), replanMs: 0 }, async (watched) => {
         watched.stream.on("front", () => watched.stream.setView(lookingFrom(10)));
         await watched.end();
-        await assertComplete(watched, bytes);
+        assertComplete(watched, bytes);
         watched.stream.setView(lookingFrom(3));
         const stats = await watched.end();
         assert.equal(stats.requests, server.asked.length);
@@ -132,16 +115,14 @@ describe("a stream", () => {
 
   it("gives up what a view change made useless, and asks for what is looked at now", async () => {
     const near: Planner = {
-      plan: (index, annotation, camera, have, budgets) => {
-        const steps = turning.plan(index, annotation, camera, have, budgets);
+      plan: (index, camera, have) => {
+        const steps = turning.plan(index, camera, have);
         const first = camera!.position[0];
         return steps.filter(({ tile }) => tile >= first && tile < first + 3);
       },
     };
-    const { entries } = openScar(bytes).container;
-    const isModel = (e: number) => entries.kind[e] < 16;
-    const holdsModels = ([first, last]: [number, number]) =>
-      [...entries.kind.keys()].some((e) => isModel(e) && entries.offset[e] <= last && entries.offset[e] >= first);
+    const models = new WholeFile(bytes).blocks.filter(({ kind }) => kind < 16);
+    const holdsModels = ([first, last]: [number, number]) => models.some(({ offset }) => offset <= last && offset >= first);
     await serving(bytes, async (url, server) => {
       let hung = 0;
       let turned = false;
@@ -164,24 +145,17 @@ describe("a stream", () => {
     });
   });
 
-  it("shows a planner the block that it wants to see, and asks it again with it", async () => {
+  it("gives what the block STREAMING says, and plans by it", async () => {
     const file = vector("valid/streaming");
-    const { entries } = openScar(file).container;
-    const e = entries.kind.indexOf(65);
-    const seen: (Uint8Array | null)[] = [];
-    const planner: Planner = {
-      annotation: 65,
-      plan: (index, annotation, camera, have, budgets) => {
-        seen.push(annotation);
-        return fileOrder.plan(index, annotation, camera, have, budgets);
-      },
-    };
     await serving(file, async (url) => {
-      await watching(url, { planner }, async (watched) => {
+      await watching(url, {}, async (watched) => {
+        const found: unknown[] = [];
+        watched.stream.on("streaming", (streaming) => found.push(streaming));
         await watched.end();
-        await assertComplete(watched, file);
-        assert.equal(seen[0], null);
-        assert.deepEqual(seen.at(-1), file.slice(entries.offset[e], entries.offset[e] + entries.length[e]));
+        assertComplete(watched, file);
+        const { index } = watched.stream.front!;
+        assert.equal(index.streaming?.tiles, index.tiles);
+        assert.deepEqual(found, [index.streaming]);
       });
     });
   });
@@ -195,7 +169,7 @@ describe("a stream", () => {
     await serving(bytes, async (url) => {
       await watching(url, { camera: { ...lookingFrom(0), position: eye, fovY: 0.1 } }, async (watched) => {
         await watched.end();
-        await assertComplete(watched, bytes);
+        assertComplete(watched, bytes);
         const place = watched.tiles.findIndex(({ tile }) => tile === target);
         assert.ok(place < 12, `tile ${target} was number ${place}, in file order it would be number 17`);
       });
@@ -214,7 +188,7 @@ describe("a stream", () => {
     for (const source of [new Blob([bytes.slice()]), new File([bytes.slice()], "toys.scar"), reader]) {
       await watching(source, {}, async (watched) => {
         await watched.end();
-        await assertComplete(watched, bytes);
+        assertComplete(watched, bytes);
       });
     }
     assert.ok(asked.length > 0 && asked.every(([offset, length]) => offset + length <= bytes.length));
@@ -225,7 +199,7 @@ describe("a stream", () => {
     await serving(small, async (url, server) => {
       await watching(url, {}, async (watched) => {
         await watched.end();
-        await assertComplete(watched, small);
+        assertComplete(watched, small);
         assert.equal(server.asked.length, 1);
       });
     });
@@ -270,7 +244,7 @@ describe("a stream", () => {
         const count = watched.tiles.length;
         await new Promise((resolve) => setTimeout(resolve, 100));
         assert.equal(watched.tiles.length, count);
-        await assertShown(watched.shown, bytes);
+        assertShown(watched.shown, bytes);
       });
     });
   });

@@ -6,8 +6,7 @@ import { Meter } from "../src/stream/meter.js";
 import { requestSizes } from "../src/stream/requests.js";
 import type { Body, ByteSource } from "../src/stream/source.js";
 import { Transfers } from "../src/stream/transfers.js";
-import { toys } from "./files.js";
-import { openedFront } from "./fronts.js";
+import { openedFront, toys } from "./files.js";
 
 const bytes = toys();
 const front = openedFront(bytes);

@@ -2,15 +2,18 @@
 
 import assert from "node:assert/strict";
 import { describe, it } from "node:test";
-import { crc32 } from "../../conformance/decoders/js/crc32.js";
-import { openScar } from "../../conformance/decoders/js/decoder.js";
-import { repack } from "../../conformance/decoders/js/packing.mjs";
-import { toys } from "./files.js";
+import { crc32 } from "../src/format/crc32.js";
+import { type FileBlock, toys, WholeFile } from "./files.js";
+import { BLOCK } from "../src/format/registry.js";
+import { repack } from "./packing.js";
 import { serving, type FileServer, type Trick } from "./server.js";
 import { assertComplete, assertShown, Watched, watching } from "./watching.js";
 
 const bytes = toys();
-const { header, entries } = openScar(bytes).container;
+const file = new WholeFile(bytes);
+const { header } = file.front;
+/** Where the directory ends. */
+const start = file.blocks[0].offset;
 
 /** Answers some requests with a status. */
 function failing(status: number, when: (number: number) => boolean): Trick {
@@ -42,7 +45,7 @@ const completes = async (url: string, options: ConstructorParameters<typeof Watc
   await watching(url, options, async (watched) => {
     stats = await watched.end();
     assert.deepEqual(watched.errors, []);
-    await assertComplete(watched, bytes);
+    assertComplete(watched, bytes);
   });
   return stats!;
 };
@@ -66,7 +69,7 @@ describe("a server without ranges", () => {
         );
         release();
         await watched.end();
-        await assertComplete(watched, bytes);
+        assertComplete(watched, bytes);
         assert.equal(server.asked.length, 1);
       });
     });
@@ -78,14 +81,14 @@ describe("a server without ranges", () => {
       server.trick = partly(server, 0.6, true, (number) => number === 1);
       const stats = await completes(url);
       assert.equal(server.asked.length, 2);
-      assert.equal(stats.bytesUsed, bytes.length - entries.offset[0] - lengthOfMetadata());
+      assert.equal(stats.bytesUsed, bytes.length - start - lengthOfMetadata());
     });
   });
 });
 
 /** METADATA is not fetched. */
 function lengthOfMetadata(): number {
-  return entries.kind.reduce((sum, kind, e) => sum + (kind > 16 ? entries.length[e] : 0), 0);
+  return file.blocks.reduce((sum, { kind, length }) => sum + (kind === BLOCK.METADATA ? length : 0), 0);
 }
 
 describe("a server that fails now and then", () => {
@@ -119,7 +122,7 @@ describe("a server that fails now and then", () => {
       server.trick = ({ range }, response, number) => {
         if (number > 1) return false;
         const damaged = bytes.slice(range![0], range![1] + 1);
-        damaged[entries.offset[0] - 9] ^= 2;
+        damaged[start - 9] ^= 2;
         response.writeHead(206, server.rangeHeaders(range!)).end(damaged);
         return true;
       };
@@ -235,35 +238,31 @@ describe("what a server says of a file", () => {
 });
 
 /** The file with one bit of a block turned, as it lies on a disk that failed. */
-function withDamage(entry: number): Uint8Array {
+function withDamage({ offset, length }: FileBlock): Uint8Array {
   const damaged = bytes.slice();
-  damaged[entries.offset[entry] + Math.floor(entries.length[entry] / 2)] ^= 1;
+  damaged[offset + Math.floor(length / 2)] ^= 1;
   return damaged;
 }
 
-const find = (kind: number, layer: number, tile: number) =>
-  entries.kind.findIndex((k, e) => k === kind && entries.layer[e] === layer && entries.tile[e] === tile);
-const NO_TILE = 0xffffffff;
-
 describe("what cannot be mended", () => {
   it("leaves a tile with a damaged block at the layer before, and goes on with others", async () => {
-    const entry = find(16, 3, 7);
-    await serving(withDamage(entry), async (url) => {
+    const block = file.find(16, 3, 7)!;
+    await serving(withDamage(block), async (url) => {
       await watching(url, {}, async (watched) => {
         const stats = await watched.end();
         assert.equal(watched.errors.length, 1);
         const [error] = watched.errors;
         assert.deepEqual([error.id, error.tile, error.layer, error.fatal], ["crc-mismatch", 7, 3, false]);
-        assert.equal(error.offset, entries.offset[entry]);
+        assert.equal(error.offset, block.offset);
         assert.equal(watched.shown.get(7)!.layer, 2);
         assert.equal(stats.tilesAtLayer[4], 23);
-        await assertShown(watched.shown, bytes);
+        assertShown(watched.shown, bytes);
       });
     });
   });
 
   it("leaves all tiles at the layer before damaged models", async () => {
-    await serving(withDamage(find(1, 4, NO_TILE)), async (url) => {
+    await serving(withDamage(file.find(1, 4)!), async (url) => {
       await watching(url, {}, async (watched) => {
         const stats = await watched.end();
         assert.deepEqual(
@@ -271,23 +270,23 @@ describe("what cannot be mended", () => {
           [["crc-mismatch", 4, false]],
         );
         assert.deepEqual(stats.tilesAtLayer, [24, 24, 24, 0, 0]);
-        await assertShown(watched.shown, bytes);
+        assertShown(watched.shown, bytes);
       });
     });
   });
 
   it("is said by rule where a decoder refuses a block whose CRC is right", async () => {
-    const entry = find(16, 2, 3);
-    const { container } = openScar(withDamage(entry));
-    container.entries.crc32[entry] = crc32(container.source.read(entries.offset[entry], entries.length[entry]));
-    await serving(repack(container), async (url) => {
+    const damaged = new WholeFile(withDamage(file.find(16, 2, 3)!));
+    const block = damaged.find(16, 2, 3)!;
+    block.crc32 = crc32(damaged.body(block));
+    await serving(repack(damaged), async (url) => {
       await watching(url, {}, async (watched) => {
         await watched.end();
         const [error] = watched.errors;
         assert.deepEqual([error.id, error.tile, error.layer, error.fatal], ["crc-mismatch", 3, 2, false]);
         assert.equal(watched.shown.get(3)!.layer, 1);
         assert.equal(watched.stream.stats().tilesAtLayer[4], 23);
-        await assertShown(watched.shown, bytes);
+        assertShown(watched.shown, bytes);
       });
     });
   });
@@ -309,7 +308,7 @@ describe("what cannot be mended", () => {
           const [error] = watched.errors;
           assert.deepEqual([error.id, error.fatal, error.source], ["file-changed", true, url]);
           assert.ok(watched.shown.size > 0, "what is shown stays");
-          await assertShown(watched.shown, bytes);
+          assertShown(watched.shown, bytes);
         });
       });
     });
@@ -343,7 +342,7 @@ describe("what cannot be mended", () => {
         down = false;
         watched.stream.resume();
         await watched.end();
-        await assertComplete(watched, bytes);
+        assertComplete(watched, bytes);
       });
     });
   });
@@ -358,7 +357,7 @@ describe("what cannot be mended", () => {
       () => bytes.map((b, i) => (i === header.header_length + 5 ? b ^ 1 : b)),
       "directory-crc-mismatch",
     ],
-    ["a damaged page", () => bytes.map((b, i) => (i === entries.offset[0] - 20 ? b ^ 1 : b)), "page-crc-mismatch"],
+    ["a damaged page", () => bytes.map((b, i) => (i === start - 20 ? b ^ 1 : b)), "page-crc-mismatch"],
   ] as const) {
     it(`is ${name}: refused at once`, async () => {
       await serving(make(), async (url, server) => {

@@ -16,7 +16,7 @@ export interface Setting {
   /** Misbehaviour of the scene's server. */
   prepare?: (server: FileServer, host: Host) => void;
   /** Runs in the page before its scripts. */
-  before?: () => void;
+  before?: () => unknown;
 }
 
 type Run = (page: Page, server: FileServer, host: Host) => Promise<void>;

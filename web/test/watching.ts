@@ -1,12 +1,13 @@
 /** Following a stream to its end, and comparing what it delivered with a direct decode. */
 
 import assert from "node:assert/strict";
-import { createJsDecoder } from "../src/decoder/js.js";
-import type { MakeDecoder, TileValues } from "../src/decoder/types.js";
+import { inlineChannel } from "../src/decoder/channel.js";
+import type { TileValues } from "../src/decoder/types.js";
 import type { StreamError } from "../src/stream/errors.js";
 import { ScarStream, type Stats, type StreamOptions, type TileEvent } from "../src/stream/scar_stream.js";
 import type { SourceLike } from "../src/stream/source.js";
 import { Feeder } from "./feeding.js";
+import { decoder } from "./files.js";
 
 /** A stream with what it told so far. */
 export class Watched {
@@ -20,7 +21,8 @@ export class Watched {
   #ended = false;
 
   constructor(source: SourceLike, options: StreamOptions = {}) {
-    this.stream = new ScarStream(source, { workers: 0, retry: { firstMs: 5, mostMs: 20 }, ...options });
+    const channel = inlineChannel(async () => decoder());
+    this.stream = new ScarStream(source, { workers: 0, channel, retry: { firstMs: 5, mostMs: 20 }, ...options });
     this.stream.on("tile", (event) => {
       this.tiles.push(event);
       this.shown.set(event.tile, event);
@@ -66,33 +68,25 @@ export async function watching(
 
 const NAMES = ["centres", "scales", "quats", "opacity", "sh"] as const;
 
-/** Direct decodes by file, then decoder, tile and layer. */
-const decodes = new Map<Uint8Array, Map<string, TileValues>>();
+/** Direct decodes by file, then layer, then tile. */
+const decodes = new Map<Uint8Array, Map<number, TileValues[]>>();
 
-async function direct(bytes: Uint8Array, tile: number, layer: number, make: MakeDecoder): Promise<TileValues> {
-  const ofFile = decodes.get(bytes) ?? new Map<string, TileValues>();
+/** What a decoder gives of each tile after a layer. */
+function direct(bytes: Uint8Array, layer: number): TileValues[] {
+  const ofFile = decodes.get(bytes) ?? new Map<number, TileValues[]>();
   decodes.set(bytes, ofFile);
-  const name = (one: number) => `${make.name} ${one} ${layer}`;
-  if (!ofFile.has(name(tile))) {
-    const feeder = new Feeder(await make(), bytes);
-    for (let k = 1; k <= feeder.layers; k++) feeder.addModels(k);
-    for (let t = 0; t < feeder.tiles; t++) {
-      for (let k = 1; k <= layer; k++) feeder.advance(t, k);
-      ofFile.set(name(t), feeder.decoder.values(t));
-      feeder.decoder.release(t);
-    }
+  if (!ofFile.has(layer)) {
+    const feeder = new Feeder(bytes);
+    feeder.decodeTo(layer);
+    ofFile.set(layer, Array.from({ length: feeder.tiles }, (_, tile) => feeder.decoder.values(tile)));
   }
-  return ofFile.get(name(tile))!;
+  return ofFile.get(layer)!;
 }
 
 /** What is shown of each tile is, bit for bit, a direct decode to its layer. */
-export async function assertShown(
-  shown: Map<number, Pick<TileEvent, "layer" | "count" | "output">>,
-  bytes: Uint8Array,
-  make: MakeDecoder = createJsDecoder,
-): Promise<void> {
+export function assertShown(shown: Map<number, TileEvent>, bytes: Uint8Array): void {
   for (const [tile, { layer, count, output }] of shown) {
-    const wanted = await direct(bytes, tile, layer, make);
+    const wanted = direct(bytes, layer)[tile];
     assert.equal(count, wanted.count);
     for (const name of NAMES) {
       const same = Buffer.compare(bytesOf((output as TileValues)[name]), bytesOf(wanted[name])) === 0;
@@ -106,13 +100,9 @@ function bytesOf({ buffer, byteOffset, byteLength }: Float32Array): Uint8Array {
 }
 
 /** Every tile that has anchors is shown after the last layer, as a direct decode gives it. */
-export async function assertComplete(
-  { shown, stream }: Watched,
-  bytes: Uint8Array,
-  make: MakeDecoder = createJsDecoder,
-): Promise<void> {
+export function assertComplete({ shown, stream }: Watched, bytes: Uint8Array): void {
   const { index } = stream.front!;
   assert.equal(shown.size, index.tiles);
   for (const { layer } of shown.values()) assert.equal(layer, index.layers);
-  await assertShown(shown, bytes, make);
+  assertShown(shown, bytes);
 }

@@ -1,8 +1,8 @@
 /** Where to look from before anyone has moved: the view that the file names, or one that shows its middle. */
 
-import type { Streaming } from "../../conformance/decoders/js/streaming.js";
+import type { Front } from "../src/format/directory.js";
+import type { Streaming } from "../src/format/streaming.js";
 import type { Camera } from "../src/plan/types.js";
-import type { Outline } from "./feed.js";
 
 export interface Frame {
   position: [number, number, number];
@@ -46,8 +46,8 @@ export function viewName({ position, target, up, fovY }: Frame): string {
 }
 
 /** The view that a STREAMING block names (SPEC §7.13), null if none. */
-export function toldView(streaming: Streaming | null): Frame | null {
-  if (!streaming?.view) return null;
+export function viewOfFile(streaming: Streaming): Frame | null {
+  if (streaming.view === null) return null;
   const [px, py, pz, tx, ty, tz, ux, uy, uz, fovY] = streaming.view;
   return { position: [px, py, pz], target: [tx, ty, tz], up: [ux, uy, uz], fovY };
 }
@@ -71,7 +71,7 @@ function unit(vector: number[]): [number, number, number] {
 }
 
 /** A view from outside onto the middle of the scene. */
-export function outsideView({ header, index }: Outline): Frame {
+export function outsideView({ header, index }: Front): Frame {
   const up = UPWARD[header.coordinate_frame === FRAME_RUB ? 1 : 0];
   const counts = Float64Array.from({ length: index.tiles }, (_, tile) => {
     return index.counts.subarray(tile * index.layers, (tile + 1) * index.layers).reduce((a, b) => a + b, 0);

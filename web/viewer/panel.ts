@@ -52,7 +52,7 @@ export class Panel {
   update(): void {
     const { front, wish, done } = this.showing;
     if (front === null) return;
-    const { tilesAtLayer, layerAt, bytesRead, splatsShown, decodeMs, engine } = this.showing.stats();
+    const { tilesAtLayer, layerAt, bytesRead, splatsShown, decodeMs } = this.showing.stats();
     this.#rows.forEach(({ row, bar, time }, i) => {
       const share = front.index.tiles === 0 ? 1 : (tilesAtLayer[i] ?? 0) / front.index.tiles;
       bar.style.width = `${100 * share}%`;
@@ -62,8 +62,7 @@ export class Panel {
       time.textContent = at == null ? "" : `${(at / 1000).toFixed(2)} s`;
     });
     const state = done ? "" : " …";
-    const by = engine === "js" ? " in JavaScript" : "";
-    this.#sum.textContent = `${NUMBER.format(splatsShown)} Gaussians, ${bytes(bytesRead)} read, ${(decodeMs / 1000).toFixed(1)} s decoding${by}${state}`;
+    this.#sum.textContent = `${NUMBER.format(splatsShown)} Gaussians, ${bytes(bytesRead)} read, ${(decodeMs / 1000).toFixed(1)} s decoding${state}`;
   }
 }
 

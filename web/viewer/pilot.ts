@@ -28,6 +28,8 @@ const SPEED = 0.6;
 const NEAR = { length: 0.2, share: 0.1 };
 /** It ends at so many times where it begins. */
 const FAR = 1e6;
+/** A smaller move of the camera, as a share of the distance to what is looked at or of its quaternion, is rounding. */
+const ROUNDING = 1e-9;
 
 export class Pilot {
   readonly camera = new THREE.PerspectiveCamera();
@@ -91,11 +93,24 @@ export class Pilot {
     const seconds = Math.min(Math.max((now - this.#at) / 1000, 1e-3), 0.1);
     this.#at = now;
     const flies = this.#fly(seconds);
+    const [position, quaternion] = [this.camera.position.clone(), this.camera.quaternion.clone()];
     const changed = this.#controls.update(seconds) || flies;
+    if (!flies) this.#rest(position, quaternion);
     this.camera.updateMatrixWorld();
     this.#velocity.copy(this.camera.position).sub(this.#before).divideScalar(seconds);
     this.#before.copy(this.camera.position);
     return changed;
+  }
+
+  /** Undoes what is rounding of the controls alone: the renderer sorts anew for any other camera. */
+  #rest(position: THREE.Vector3, quaternion: THREE.Quaternion): void {
+    const distance = this.camera.position.distanceTo(this.#controls.target);
+    if (this.camera.position.distanceTo(position) > ROUNDING * distance) return;
+    // Not the angle between them: its cosine rounds to 1 from 1e-8 down.
+    const turn = this.camera.quaternion.toArray().map((x, i) => Math.abs(x - quaternion.toArray()[i]));
+    if (Math.max(...turn) > ROUNDING) return;
+    this.camera.position.copy(position);
+    this.camera.quaternion.copy(quaternion);
   }
 
   /** The view as a planner wants it, for a picture of so many pixels. */

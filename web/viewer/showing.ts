@@ -1,19 +1,27 @@
 /** One scene on one stage: what it comes from, how much of it is wanted, and what has come. */
 
-import { byView, readTold } from "../src/plan/by_view.js";
-import type { StreamError } from "../src/stream/errors.js";
-import type { Stats } from "../src/stream/scar_stream.js";
-import type { Budgets, Camera, Planner } from "../src/plan/types.js";
 import type { PackedTile } from "../src/decoder/types.js";
-import { type Feed, isSeveral, openFeed, type Origin, type Outline, type Room } from "./feed.js";
-import { type Frame, toldView } from "./framing.js";
+import type { Front } from "../src/format/directory.js";
+import { placesFor } from "../src/pack/places.js";
+import { byView } from "../src/plan/by_view.js";
+import type { Budgets, Camera } from "../src/plan/types.js";
+import type { StreamError } from "../src/stream/errors.js";
+import { ScarStream, type Stats } from "../src/stream/scar_stream.js";
+import type { SourceLike } from "../src/stream/source.js";
+import { type Frame, viewOfFile } from "./framing.js";
 import type { Stage } from "./stage.js";
+
+/** Where a scene comes from. */
+export interface Origin {
+  name: string;
+  source: SourceLike;
+}
 
 export interface ShowingEvents {
   onFront(): void;
   /** The file names a view to begin with. */
   onView(view: Frame): void;
-  /** Something is to be drawn or told. */
+  /** Something is to be drawn or written on the page. */
   onChange(): void;
   onError(error: StreamError): void;
 }
@@ -26,21 +34,20 @@ export interface Wish {
   degree: number;
 }
 
-/** Events of the document, for who looks at the page from outside: a stream that begins, and a tile on the GPU. */
-export const STREAM_BEGINS = "scar-stream";
-export const TILE_DRAWN = "scar-drawn";
+/** Events of the document, for programs that watch the page: a stream that begins, and a tile on the GPU. */
+const STREAM_BEGINS = "scar-stream";
+const TILE_DRAWN = "scar-drawn";
 
 export class Showing {
-  /** Null until what draws is there. */
+  /** Null until the drawing code is loaded. */
   stage: Stage | null = null;
-  front: Outline | null = null;
+  front: Front | null = null;
   done = false;
   error: StreamError | null = null;
-  #feed: Feed;
+  #stream: ScarStream;
   #camera: Camera | null = null;
-  #rooms: Room[] = [];
-  /** What came before there was a stage, by room, then key. */
-  readonly #early = new Map<number, Map<number, PackedTile>>();
+  /** Tiles that came before there was a stage. */
+  readonly #early = new Map<number, PackedTile>();
 
   constructor(
     readonly origin: Origin,
@@ -48,7 +55,7 @@ export class Showing {
     private readonly events: ShowingEvents,
     private readonly budgets: Partial<Budgets>,
   ) {
-    this.#feed = this.#open();
+    this.#stream = this.#open();
   }
 
   get name(): string {
@@ -59,9 +66,9 @@ export class Showing {
   drawOn(stage: Stage): void {
     this.stage = stage;
     stage.onLost = () => this.restart();
-    stage.onWritten = ({ tile, layer }) => tell(TILE_DRAWN, { tile, layer });
-    if (this.front !== null) this.#setUp(stage);
-    for (const [room, tiles] of this.#early) for (const [key, words] of tiles) stage.put(room, key, words);
+    stage.onWritten = ({ tile, layer }) => dispatch(TILE_DRAWN, { tile, layer });
+    if (this.front !== null) this.#setUp(stage, this.front);
+    for (const words of this.#early.values()) stage.put(words);
     this.#early.clear();
   }
 
@@ -70,10 +77,7 @@ export class Showing {
     const fewer = layers < this.wish.layers;
     this.wish.layers = layers;
     if (fewer) this.restart();
-    else if (this.#camera !== null) {
-      this.done = false;
-      this.#feed.setView(this.#camera);
-    }
+    else if (this.#camera !== null) this.setView(this.#camera);
   }
 
   wishDegree(degree: number): void {
@@ -83,96 +87,84 @@ export class Showing {
   }
 
   setView(camera: Camera): void {
+    this.done = false;
     this.#camera = camera;
-    this.#feed.setView(camera);
+    this.#stream.setView(camera);
   }
 
-  /** Reads on after an error of the connection, or from the start where nothing was read. */
+  /** Reads on after an error of the connection, or from the start where nothing was read or the file may be another one. */
   again(): void {
+    const anew = this.front === null || this.error?.id === "file-changed";
     this.error = null;
-    if (this.front === null || this.#fromFile()) this.restart();
-    else this.#feed.resume();
+    if (anew) this.restart();
+    else this.#stream.resume();
     this.events.onChange();
   }
 
   restart(): void {
-    this.#feed.close();
+    this.#stream.close();
     this.#early.clear();
-    this.#feed = this.#open();
+    this.#stream = this.#open();
   }
 
   stats(): Stats {
-    return this.#feed.stats();
+    return this.#stream.stats();
   }
 
   close(): void {
-    this.#feed.close();
+    this.#stream.close();
     this.stage?.dispose();
   }
 
-  /** Whether what is wrong is of the file: then it may be another one by now. */
-  #fromFile(): boolean {
-    return this.error?.id === "file-changed";
-  }
-
-  #open(): Feed {
+  #open(): ScarStream {
     this.done = false;
     this.error = null;
+    const planner = {
+      plan: (...asked: Parameters<typeof byView.plan>) => byView.plan(...asked).filter(({ layer }) => layer <= this.wish.layers),
+    };
     const camera = this.#camera ?? undefined;
-    const feed = openFeed(this.origin, { planner: this.#planner(), camera, budgets: this.budgets }, {
-      onFront: (outline, rooms) => {
-        this.front = outline;
-        this.#rooms = rooms;
-        if (this.stage !== null) this.#setUp(this.stage);
-        this.events.onFront();
-      },
-      onTile: (room, key, words) => this.#put(room, key, words),
-      onEvict: (room, key) => {
-        this.#early.get(room)?.delete(key);
-        this.stage?.remove(room, key);
-        this.events.onChange();
-      },
-      onProgress: () => this.events.onChange(),
-      onDone: () => {
-        this.done = true;
-        this.events.onChange();
-      },
-      onError: (error) => {
-        this.error = error;
-        this.events.onError(error);
-      },
+    const stream = new ScarStream(this.origin.source, { planner, camera, budgets: this.budgets, output: "words" });
+    stream.on("front", (front) => {
+      this.front = front;
+      if (this.stage !== null) this.#setUp(this.stage, front);
+      this.events.onFront();
     });
-    tell(STREAM_BEGINS, feed);
-    return feed;
+    stream.on("streaming", (streaming) => {
+      const view = viewOfFile(streaming);
+      if (view !== null) this.events.onView(view);
+    });
+    stream.on("tile", ({ output }) => this.#put(output as PackedTile));
+    stream.on("evict", ({ tile }) => {
+      this.#early.delete(tile);
+      this.stage?.remove(tile);
+      this.events.onChange();
+    });
+    stream.on("progress", () => this.events.onChange());
+    stream.on("done", () => {
+      this.done = true;
+      this.events.onChange();
+    });
+    stream.on("error", (error) => {
+      this.error = error;
+      this.events.onError(error);
+    });
+    dispatch(STREAM_BEGINS, stream);
+    return stream;
   }
 
-  #setUp(stage: Stage): void {
-    stage.open(this.#rooms);
+  #setUp(stage: Stage, front: Front): void {
+    const { sh_degree, render_model } = front.header;
+    stage.open(placesFor(front, this.#stream.budgets), sh_degree, render_model);
     stage.showDegree(this.wish.degree);
   }
 
-  #put(room: number, key: number, words: PackedTile): void {
-    if (this.stage === null) this.#early.set(room, (this.#early.get(room) ?? new Map()).set(key, words));
-    else this.stage.put(room, key, words);
+  #put(words: PackedTile): void {
+    if (this.stage === null) this.#early.set(words.tile, words);
+    else this.stage.put(words);
     this.events.onChange();
-  }
-
-  /** Plans for the view, up to the layers wished for; on the way it sees what one file says of the first view. */
-  #planner(): Planner {
-    let told = isSeveral(this.origin);
-    return {
-      annotation: byView.annotation,
-      plan: (index, annotation, ...rest) => {
-        const view = told || annotation === null ? null : toldView(readTold(annotation, index));
-        told ||= annotation !== null;
-        // The plan under way goes on with the camera that it was asked for; the next one has the view.
-        if (view !== null) queueMicrotask(() => this.events.onView(view));
-        return byView.plan(index, annotation, ...rest).filter(({ layer }) => layer <= this.wish.layers);
-      },
-    };
   }
 }
 
-function tell(name: string, detail: unknown): void {
+function dispatch(name: string, detail: unknown): void {
   document.dispatchEvent(new CustomEvent(name, { detail }));
 }

@@ -1,13 +1,11 @@
-/** A canvas and what is drawn in it: one scene, by Spark, with a mesh for each room. */
+/** A canvas and what is drawn in it: one scene, by Spark. */
 
 import type { SparkRenderer } from "@sparkjsdev/spark";
 import * as THREE from "three";
 
-import { makeSpark, ScarMesh, ScarSplats } from "../src/adapters/spark.js";
+import { drawModel, makeSpark, ScarMesh, ScarSplats } from "../src/adapters/spark.js";
 import type { PackedTile } from "../src/decoder/types.js";
 import { RUN } from "../src/pack/places.js";
-import type { Placement } from "../src/scene/placement.js";
-import type { Room } from "./feed.js";
 
 /** Beyond twice as many pixels as the page has, nobody sees a difference, and each costs. */
 const MOST_PIXEL_RATIO = 2;
@@ -23,9 +21,8 @@ export class Stage {
   onWritten: (words: PackedTile) => void = () => undefined;
   /** Called when the GPU took the picture away and gave it back: everything has to be put again. */
   onLost: () => void = () => undefined;
-  #rooms: Room[] = [];
-  /** By room; made when something first comes for it. */
-  #meshes: ScarMesh[] = [];
+  /** Null until something is to be drawn. */
+  #mesh: ScarMesh | null = null;
   #degree = USUAL_DEGREE;
   #lost = false;
 
@@ -41,54 +38,43 @@ export class Stage {
     });
   }
 
-  /** Makes room for a scene; what was there is gone. */
-  open(rooms: Room[]): void {
+  /** Makes room for a scene; what was there is gone. @param places for Gaussians, a multiple of 256 @param renderModel of the header */
+  open(places: number, shDegree: number, renderModel = 0): void {
     this.clear();
-    this.#rooms = rooms;
+    drawModel(this.#spark, renderModel);
+    const source = new ScarSplats(this.#renderer, places, shDegree);
+    source.onWritten = (words) => this.onWritten(words);
+    this.#mesh = new ScarMesh(this.#spark, source);
+    this.#mesh.showDegree(this.#degree);
+    this.#scene.add(this.#mesh.mesh);
   }
 
   /** Draws nothing once, so that shaders are there before a scene is. */
   prepare(): void {
-    this.open([{ places: RUN, shDegree: USUAL_DEGREE, placement: null }]);
-    this.#meshOf(0);
+    this.open(RUN, USUAL_DEGREE);
     this.draw(new THREE.PerspectiveCamera());
     this.clear();
   }
 
-  put(room: number, key: number, words: PackedTile): void {
-    this.#meshOf(room).source.put(words, key);
+  put(words: PackedTile): void {
+    this.#mesh?.source.put(words);
   }
 
-  remove(room: number, key: number): void {
-    this.#meshes[room]?.remove(key);
+  remove(tile: number): void {
+    this.#mesh?.remove(tile);
   }
 
   /** Draws harmonics up to a degree. */
   showDegree(degree: number): void {
     this.#degree = degree;
-    this.#meshes.forEach((mesh) => mesh.showDegree(degree));
+    this.#mesh?.showDegree(degree);
   }
 
   clear(): void {
-    this.#meshes.forEach((mesh) => {
-      this.#scene.remove(mesh.mesh);
-      mesh.dispose();
-    });
-    this.#meshes = [];
-  }
-
-  #meshOf(room: number): ScarMesh {
-    const found = this.#meshes[room];
-    if (found !== undefined) return found;
-    const { places, shDegree, placement } = this.#rooms[room];
-    const source = new ScarSplats(this.#renderer, places, shDegree);
-    source.onWritten = (words) => this.onWritten(words);
-    const made = new ScarMesh(this.#spark, source);
-    if (placement !== null) place(made.mesh, placement);
-    made.showDegree(this.#degree);
-    this.#meshes[room] = made;
-    this.#scene.add(made.mesh);
-    return made;
+    if (this.#mesh === null) return;
+    this.#scene.remove(this.#mesh.mesh);
+    this.#mesh.dispose();
+    this.#mesh = null;
   }
 
   /** Gaussians that the last frame drew. */
@@ -99,7 +85,7 @@ export class Stage {
   /** Draws a frame; true if another one is needed for what has come. */
   draw(camera: THREE.PerspectiveCamera): boolean {
     if (this.#lost) return false;
-    const more = this.#meshes.map((mesh) => mesh.refresh()).includes(true);
+    const more = this.#mesh?.refresh() ?? false;
     this.#resize();
     this.#renderer.render(this.#scene, camera);
     return more;
@@ -118,13 +104,4 @@ export class Stage {
     this.#renderer.dispose();
     this.canvas.remove();
   }
-}
-
-/** Puts a mesh where the index of a scene says (R-17-11). */
-function place(mesh: THREE.Object3D, { scale, rotation, translation }: Placement): void {
-  const [a, b, c, d, e, f, g, h, i] = rotation;
-  const turn = new THREE.Matrix4().set(a, b, c, 0, d, e, f, 0, g, h, i, 0, 0, 0, 0, 1);
-  mesh.quaternion.setFromRotationMatrix(turn);
-  mesh.scale.setScalar(scale);
-  mesh.position.set(...translation);
 }

@@ -2,13 +2,11 @@
 
 import type { Budgets } from "../src/plan/types.js";
 import { ScarStream } from "../src/stream/scar_stream.js";
-import { isIndexName } from "../src/scene/index_file.js";
-import { StreamError } from "../src/stream/errors.js";
-import type { Origin } from "./feed.js";
+import type { StreamError } from "../src/stream/errors.js";
 import { cameraOf, type Frame, namedView, outsideView, UPWARD, viewName } from "./framing.js";
 import { Panel } from "./panel.js";
 import type { Pilot } from "./pilot.js";
-import { Showing } from "./showing.js";
+import { type Origin, Showing } from "./showing.js";
 import type { Stage } from "./stage.js";
 
 const ALL_DEGREES = 3;
@@ -230,7 +228,7 @@ class Viewer {
     element("fold").onclick = () => this.togglePanels();
     element("again").onclick = () => this.again();
     const choose = element<HTMLInputElement>("choose");
-    choose.onchange = () => this.open(subjectsOf([...(choose.files ?? [])]));
+    choose.onchange = () => this.open(chosen(choose.files ?? []).slice(0, TWO));
     this.#listenForKeys();
     this.#listenForDrops();
   }
@@ -262,7 +260,7 @@ class Viewer {
     document.addEventListener("drop", (event) => {
       event.preventDefault();
       document.body.classList.remove("dragging");
-      const files = subjectsOf([...(event.dataTransfer?.files ?? [])]);
+      const files = chosen(event.dataTransfer?.files ?? []);
       const links = (event.dataTransfer?.getData("text/uri-list") ?? "").split(/\r?\n/);
       const subjects = [...files, ...links.filter((line) => /^[^#]/.test(line)).map(linked)].slice(0, TWO);
       if (subjects.length > 0) this.open(subjects);
@@ -270,16 +268,8 @@ class Viewer {
   }
 }
 
-/** Scenes that files are: one of all of them where an index is among them. */
-function subjectsOf(files: File[]): Origin[] {
-  const index = files.find(({ name }) => isIndexName(name));
-  if (index === undefined) return files.map((file) => ({ name: file.name, source: file }));
-  const resolve = (uri: string) => {
-    const found = files.find(({ name }) => name === uri.split("/").at(-1));
-    if (found === undefined) throw new StreamError("bad-source", `${uri} is not among the files that were chosen`);
-    return found;
-  };
-  return [{ name: index.name, source: index, resolve }];
+function chosen(files: Iterable<File>): Origin[] {
+  return Array.from(files, (file) => ({ name: file.name, source: file }));
 }
 
 /** @param text a URL, relative to the page */

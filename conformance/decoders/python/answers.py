@@ -1,12 +1,14 @@
-"""The second decoder's answers in the decoder protocol (PROTOCOL.md), for every exact stage."""
+"""The readable decoder's answers in the decoder protocol (PROTOCOL.md), for every exact stage."""
 
 from __future__ import annotations
 
 import argparse
 import hashlib
 import json
+import mmap
+import os
 import struct
-import traceback
+import sys
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
@@ -27,11 +29,13 @@ READERS = {"metadata": read_metadata, "streaming": read_streaming}
 STAGES = ("container", *EXACT, *READERS)
 CAPABILITIES = {
     "protocol": "scar-conformance 2",
-    "decoder": "scarfmt minimal decoder 0.2",
-    "versions": ["0.2"],
+    "decoder": "scarfmt readable decoder 0.3",
+    "versions": ["0.3"],
     "profiles": ["explicit", "anchor"],
     "stages": list(STAGES),
 }
+_MAPPED = 1 << 24
+"""Bytes of a file from which on it is mapped, not read."""
 _CODES = {"<u4": "I", "<u8": "Q", "|u1": "B", "<u2": "H", "<i4": "i", "<f8": "d", "<f4": "f"}
 
 
@@ -127,7 +131,7 @@ class Answers:
     def _shape(self, i: int) -> list[int]:
         channel = self.decoder.channels[i]
         slots = [self.decoder.slots] if channel.stream == OFFSETS else []
-        return [self.n, *slots, len(channel.rules)]
+        return [self.n, *slots, channel.components]
 
     def _rows(self, i: int) -> list[tuple[int, list[int]]]:
         """Class and integers of each anchor, or of each slot, of a channel."""
@@ -157,16 +161,29 @@ def _one(data: bytes, answers: Answers, stage: str) -> dict[str, Any]:
     return {"arrays": answers.stage(stage)}
 
 
+def answer_file(path: Path, layers: int, stage: str) -> dict[str, Any]:
+    """The answer to a question about a file, which may be sparse and larger than memory."""
+    with path.open("rb") as file:
+        if os.fstat(file.fileno()).st_size < _MAPPED:
+            return answer(file.read(), layers, stage)
+        with mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as mapped:
+            return answer(mapped, layers, stage)  # type: ignore[arg-type]
+
+
 def main(arguments: list[str]) -> int:
-    """Answer one question on standard output."""
+    """Answer one question, or those on standard input, a line each."""
     parser = argparse.ArgumentParser(prog="python -m conformance.decoders.python")
-    parser.add_argument("file", type=Path)
+    parser.add_argument("file", type=Path, nargs="?")
     parser.add_argument("--layers", type=int, default=0)
     parser.add_argument("--stage", choices=("all", "capabilities", *STAGES), default="all")
+    parser.add_argument("--session", action="store_true", help="read questions from standard input")
     options = parser.parse_args(arguments)
-    try:
-        print(json.dumps(answer(options.file.read_bytes(), options.layers, options.stage)))
-    except (AssertionError, IndexError, KeyError, ValueError, struct.error):
-        traceback.print_exc()
-        return 1
+    if options.session == (options.file is not None):
+        parser.error("give a file or --session")
+    if not options.session:
+        print(json.dumps(answer_file(options.file, options.layers, options.stage)))
+        return 0
+    for line in sys.stdin:
+        asked = json.loads(line)
+        print(json.dumps(answer_file(Path(asked["file"]), asked["layers"], asked["stage"])), flush=True)
     return 0

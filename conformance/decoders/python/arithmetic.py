@@ -10,6 +10,7 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 from conformance.decoders.python.fields import Payload, require
+from conformance.decoders.python.rice import read_rice
 
 Vector = list[int]
 Matrix = list[Vector]
@@ -57,6 +58,13 @@ class Linear(NamedTuple):
     biases: Vector
     shift: int
 
+    def is_exact(self, amax: int) -> bool:
+        """Whether it keeps R-10.1-1 with activations of this magnitude; its weights do where they were read."""
+        if not (self.weights and self.weights[0] and self.shift <= 24):
+            return False
+        reach = (amax * sum(map(abs, row)) + abs(b) for row, b in zip(self.weights, self.biases, strict=True))
+        return max(reach) + (1 << self.shift >> 1) < 1 << 24
+
     def rounded(self, x: Vector) -> Vector:
         return [round_shift(v, self.shift) for v in product(self.weights, x, self.biases)]
 
@@ -66,6 +74,6 @@ class Linear(NamedTuple):
 
 def read_matrix(reader: Payload, rows: int, columns: int, refusal: str) -> Matrix:
     """A matrix of a block, row by row, its weights within reach (R-10.1-1)."""
-    weights = reader.rice(rows * columns)
+    weights = read_rice(reader, rows * columns)
     require(all(abs(w) <= 32767 for w in weights), refusal)
     return [weights[r * columns : (r + 1) * columns] for r in range(rows)]

@@ -1,188 +1,137 @@
-"""A second decoder, written from SPEC.md alone: standard library, plain loops, its pseudo-code function by function.
-
-It shows that the text suffices, and is a start for a port. It decodes the exact class (SPEC §5-§8, §9.1, §9.2, §10) of
-valid files whose Zstandard frames are like those of the vectors; of the refusals it makes only those the pseudo-code
-spells out. ``python -m conformance.decoders.python FILE --layers K --stage STAGE`` answers as PROTOCOL.md says.
-"""
+"""A whole file: what :mod:`conformance.decoders.python.static` reads, and what SPEC-neural.md adds to it."""
 
 from __future__ import annotations
 
-import struct
-import zlib
-
+from conformance.decoders.python.arithmetic import Matrix, Vector
 from conformance.decoders.python.context import Context, fine
-from conformance.decoders.python.fields import (
-    CLASSES,
-    INDICES,
-    LATENT,
-    MASKS,
-    OFFSETS,
-    POSITION_RESIDUAL,
-    POSITIONS,
-    Payload,
-    Rans,
-    Table,
-    key,
-    parse_tables,
-    require,
+from conformance.decoders.python.fields import INDICES, LATENT, MASKS, OFFSETS, Payload, Rans, key, require
+from conformance.decoders.python.front import (
+    CODEBOOKS,
+    DECODER_MLP,
+    ENTROPY_NETWORK,
+    HASH_GRID,
+    PREDICTORS,
+    SCENE_MLP,
 )
-from conformance.decoders.python.front import NO_TILE, TILE, Root, read_entries, read_tiles
 from conformance.decoders.python.hash_grid import Grid, parse_grid
-from conformance.decoders.python.index_network import Network, parse_network
-from conformance.decoders.python.models import Opening, Row, network_inputs, parse_codebooks, parse_layer
+from conformance.decoders.python.index_network import Network, check_network, parse_network
+from conformance.decoders.python.models import has_latents, parse_networks
 from conformance.decoders.python.neural_indices import IndexReader
-from conformance.decoders.python.positions import read_positions
-from conformance.decoders.python.predictors import ATTRIBUTES, Key, Predictor, StepInputs, parse_predictors
-from conformance.decoders.python.tile import NAMES, Tile, Trace, read_masks, read_offsets, substreams, table_contexts
+from conformance.decoders.python.predictors import (
+    ATTRIBUTES,
+    Predictor,
+    StepInputs,
+    check_predictors,
+    parse_predictors,
+)
+from conformance.decoders.python.rice import read_rice
+from conformance.decoders.python.static import StaticDecoder, deinterleaved, f32
+from conformance.decoders.python.tile import Key, Tile, table_contexts
+from conformance.decoders.python.work import Work
+
+Around = dict[int, tuple[Matrix, Vector]]
+"""Cell means and count features of anchors."""
 
 
-class Decoder:
-    """A file's first layers (SPEC §4, steps 1 to 11). `traces` has one element a layer."""
+class Decoder(StaticDecoder):
+    """A file's first layers (SPEC §4, steps 1 to 11)."""
 
-    def __init__(self, data: bytes, layers: int | None = None) -> None:
-        head = Payload(data)
-        require(head.take(9) == bytes.fromhex("8953434152 0d0a1a0a"), "bad-signature")
-        require(head.fields("BB") == (0, 2), "unsupported-version")
-        _, length, self.file_length = head.fields("BIQ")
-        (crc,) = struct.unpack("<I", data[length - 4 : length])
-        require(zlib.crc32(data[: length - 4]) == crc, "header-crc-mismatch")
-        self.profile, self.degree, layer_count, self.slots, self.lattice_bits, *_ = head.fields("8B")
-        self.k = layers or layer_count
-        head.at = 56
-        *self.origin, self.voxel = head.fields("4d")
-        root = Root(data)
-        self.pages = len(root.pages)
-        self.tiles = read_tiles(data, root)
-        self.blocks: dict[tuple[int, int, int], tuple[bytes, int]] = {}
-        for entry in read_entries(data, root):
-            require(entry.kind in (*range(1, 9), 16, 64) or not entry.flags & 1, "unknown-critical-block")
-            block = data[entry.offset : entry.offset + entry.length]
-            # A block it has no need of is no reason to refuse (R-5.6-3): neither METADATA nor an unknown one.
-            unused = entry.kind > TILE or entry.layer > self.k
-            require(unused or zlib.crc32(block) == entry.crc32, "crc-mismatch")
-            self.blocks[entry.layer, entry.kind, entry.tile] = block, entry.count
-        self.traces = [Trace() for _ in range(self.k)]
-        self._models()
-
-    def _model(self, layer: int, kind: int) -> bytes | None:
-        return self.blocks.get((layer, kind, NO_TILE), (None, 0))[0]
-
-    def _models(self) -> None:
-        self.opening = Opening([], 0, [])
-        self.rows: list[Row] = []
-        self.tables: list[dict[int, Table]] = []
+    def read_models(self) -> None:
+        """Lists 6 and 7 of §12.2."""
         self.books: dict[int, list[list[int]]] = {}
-        self.dimension = 0
         self.predictors: list[dict[Key, Predictor]] = []
         self.network: Network | None = None
         self.grid: Grid | None = None
+        latents = self.first_layer(lambda row: has_latents(row, self.channels))
+        neural = self.first_layer(lambda row: row.mode == 1)
+        first = [self.first_layer(lambda row, m=m: max(s for s, _ in row.classes) >= m) for m in (1, 2)]  # type: ignore[misc]
+        allowed = {CODEBOOKS: first, DECODER_MLP: [latents], SCENE_MLP: [int(self.profile == 1)]}
+        allowed |= {HASH_GRID: [neural], ENTROPY_NETWORK: [neural]}
         for k in range(1, self.k + 1):
-            block = self._model(k, 1)
-            require(block is not None, "missing-block")
-            row, self.opening = parse_layer(block or b"", k, self.opening)
-            self.rows.append(row)
-            added = self._model(k, 2)
-            self.tables.append({**(self.tables[-1] if self.tables else {}), **(parse_tables(added) if added else {})})
-            books, decoder = self._model(k, 3), self._model(k, 4)
-            self.books |= parse_codebooks(books) if books else {}
-            self.dimension = network_inputs(decoder) if decoder else self.dimension
-            self._neural_models(k)
-        self.channels = self.opening.channels
-
-    def _neural_models(self, k: int) -> None:
-        grid, network, predictors = (self._model(k, kind) for kind in (6, 7, 8))
-        self.grid = parse_grid(grid) if grid else self.grid
-        self.network = parse_network(network) if network else self.network
-        before = self.predictors[-1] if self.predictors else {}
-        self.predictors.append({**before, **(parse_predictors(predictors) if predictors else {})})
-
-    def classes(self, k: int) -> int:
-        return len(self.rows[k - 1].classes) if k else 0
-
-    def stages(self, k: int, c: int) -> int:
-        return self.rows[k - 1].classes[c][0] if c < self.classes(k) else 0
-
-    def steps(self, k: int, i: int, c: int) -> int:
-        return self.rows[k - 1].classes[c][1][i] if c < self.classes(k) else 0
-
-    def tile(self, number: int) -> Tile:
-        out = Tile(self.slots if self.profile else 0, self.channels)
+            for kind, layers in allowed.items():
+                require(k in layers or self.model(k, kind) is None, "unexpected-block")
+        self.read_decoder(latents)
+        self._codebooks(first)
+        self._scene_networks()
+        if neural:
+            self._index_network(neural)
         for k in range(1, self.k + 1):
-            block, new = self.blocks.get((k, TILE, number), (None, 0))
-            parts = substreams(block) if block else {}
-            self._layer(out, k, parts, new, number)
-        return out
+            self._predictors(k)
+        require(Work(self).total() <= (1 << 32) + self.limits.work_per_byte * self.file_length, "limit-work")
 
-    def _layer(self, tile: Tile, k: int, parts: dict[int, bytes], new: int, number: int) -> None:
-        depth, shift = self.tiles[number][:2]
-        b = self.lattice_bits - depth - shift
-        trace = self.traces[k - 1]
+    def _codebooks(self, first: list[int]) -> None:
+        for k in range(1, self.k + 1):
+            wanted = [number for number, layer in enumerate(first) if layer == k]
+            if wanted:
+                books = parse_codebooks(self.needed(k, CODEBOOKS))
+                require(list(books) == wanted, "bad-codebook")
+                self.books |= books
+        require(all(len(book[0]) == self.dimension for book in self.books.values()), "bad-mlp")
 
-        def opened(stream: int) -> Rans:
-            return Rans(parts.get(stream, b""), self.tables[k - 1])
-
-        def close(stream: int, rans: Rans) -> None:
-            rans.seal()
-            trace.used |= rans.used
-            trace.unwritten |= rans.first is not None and stream not in parts
-            if stream != INDICES:
-                trace.see(NAMES[stream], rans.first)
-
-        if new:
-            rans = opened(POSITIONS)
-            codes = read_positions(rans, new, b)
-            close(POSITIONS, rans)
-            rans, f, p = opened(CLASSES), self.classes(k - 1), self.classes(k)
-            classes = [f + v for v in rans.read(key(CLASSES, 0, 0, 0), new)] if p - f > 1 else [f] * new
-            close(CLASSES, rans)
-            require(all(f <= c < p for c in classes), "bad-class")
-            for code, klass in zip(codes, classes, strict=True):
-                tile.append(code, klass)
+    def _scene_networks(self) -> None:
+        block = self.model(1, SCENE_MLP)
+        networks = parse_networks(block) if block is not None else []
+        self.check_outputs()
         if self.profile:
-            rans = opened(MASKS)
-            read_masks(rans, tile, k)
-            close(MASKS, rans)
-        context = Context(tile.code, b, self.opening.targets, self.opening.passes_log2)
-        for i, channel in enumerate(self.channels):
-            rans = opened(channel.stream)
-            if channel.stream == OFFSETS:
-                read_offsets(rans, tile, k, i)
-            else:
-                self._channel(rans, tile, k, i, context)
-            close(channel.stream, rans)
-        rans = opened(INDICES)
+            feature = self.networks[0][-1][0] if self.networks else 0
+            require([len(shape) for shape in networks] == [2, 2, 2], "bad-mlp")
+            require([shape[1][0] for shape in networks] == [self.slots, 7 * self.slots, 3 * self.slots], "bad-mlp")
+            inputs = {shape[0][1] for shape in networks}
+            require(inputs in ({feature + 3}, {feature + 4}), "bad-mlp")
+        self.networks += networks
+
+    def _index_network(self, layer: int) -> None:
+        network = self.network = parse_network(self.needed(layer, ENTROPY_NETWORK))
+        grid = self.model(layer, HASH_GRID)
+        self.grid = parse_grid(grid) if grid is not None else None
+        features = sum(level.features for level, _ in self.grid.levels) if self.grid else 0
+        attributes = sum(channel.components for channel in self.channels if channel.stream in ATTRIBUTES)
+        fits = (network.attributes, network.depths, network.grid) == (attributes, len(self.opening.targets), features)
+        stages = max(stages for row in self.rows for stages, _ in row.classes)
+        fits &= max(network.dims, network.latents) <= self.dimension and network.tokens + 1 >= stages
+        fits &= all(b < len(network.heads) and len(network.heads[b].biases) == len(self.books[b]) for b in self.books)
+        require(fits, "bad-network")
+        check_network(network, self.books)
+
+    def _predictors(self, k: int) -> None:
+        block, before = self.model(k, PREDICTORS), self.predictors[-1] if self.predictors else {}
+        added = parse_predictors(block) if block is not None else {}
+        components = {channel.stream: channel.components for channel in self.channels}
+        for stream, component, step in added:
+            i = next((i for i, channel in enumerate(self.channels) if channel.stream == stream), None)
+            require(i is not None and component < components[stream], "bad-predictor")
+            assert i is not None
+            first = self.first_layer(lambda row, i=i, step=step: any(n[i] >= step for _, n in row.classes))  # type: ignore[misc]
+            require(first == k, "bad-predictor")
+        check_predictors(added, components, len(self.opening.targets))
+        self.predictors.append({**before, **added})
+
+    # ------------------------------------------------------------------------------------------ tiles
+
+    def begin(self, tile: Tile, number: int) -> None:
+        self.around = Context(tile.code, self.local_bits(number), self.opening.targets, self.opening.passes_log2)
+
+    def read_channel(self, rans: Rans, tile: Tile, k: int, i: int) -> None:
+        if self.channels[i].stream == OFFSETS:
+            read_offsets(rans, tile, k, i)
+        else:
+            super().read_channel(rans, tile, k, i)
+
+    def read_masks(self, rans: Rans, tile: Tile, k: int) -> None:
+        read_masks(rans, tile, k)
+
+    def read_step(self, rans: Rans, tile: Tile, k: int, place: tuple[int, int, list[int]]) -> None:
+        stream, components = self.channels[place[0]].stream, range(self.channels[place[0]].components)
+        if any((stream, j, place[1]) in self.predictors[k - 1] for j in components):
+            self._predicted_step(rans, tile, k, place)
+        else:
+            super().read_step(rans, tile, k, place)
+
+    def read_indices(self, rans: Rans, tile: Tile, k: int, number: int) -> None:
         if self.rows[k - 1].mode == 1:
-            self._neural_indices(rans, tile, k, context, number)
+            self._neural_indices(rans, tile, k, number)
         else:
             self._indices(rans, tile, k)
-        close(INDICES, rans)
-
-    def _channel(self, rans: Rans, tile: Tile, k: int, i: int, context: Context) -> None:
-        channel = self.channels[i]
-        before = [self.steps(k - 1, i, c) for c in tile.klass]
-        after = [self.steps(k, i, c) for c in tile.klass]
-        for n in range(1, 21):
-            chosen = [a for a in range(len(before)) if before[a] < n <= after[a]]
-            components = range(len(channel.rules))
-            if chosen and any((channel.stream, j, n) in self.predictors[k - 1] for j in components):
-                self._predicted_step(rans, tile, k, (i, n, chosen), context)
-                continue
-            for j in components:
-                self._refine(rans, tile, (i, j, n), chosen, table_contexts(tile, i, j, n, chosen))
-
-    def _refine(
-        self, rans: Rans, tile: Tile, place: tuple[int, int, int], chosen: list[int], contexts: list[int]
-    ) -> None:
-        """Step n of component j of channel i for some anchors."""
-        (i, j, n), v = place, tile.v[place[0]]
-        values = rans.read_by_context(key(self.channels[i].stream, j, n, 0), contexts)
-        for a, x in zip(chosen, values, strict=True):
-            if n == 1:
-                v[a][j] = tile.first[i][a][j] = x
-            else:
-                require(-1 <= x <= 1, "bad-trit")
-                v[a][j] = 3 * v[a][j] + x
-            require(abs(v[a][j]) < 1 << 31, "value-range")
 
     def _fine(self, tile: Tile, k: int, i: int, a: int) -> list[int]:
         """Fine values of a channel of an anchor after layer k."""
@@ -194,31 +143,33 @@ class Decoder:
         chosen = [i for i in range(past) if self.channels[i].stream in ATTRIBUTES]
         return [v for i in chosen for v in self._fine(tile, k, i, a)]
 
-    def _predicted_step(
-        self, rans: Rans, tile: Tile, k: int, place: tuple[int, int, list[int]], context: Context
-    ) -> None:
+    def _predicted_step(self, rans: Rans, tile: Tile, k: int, place: tuple[int, int, list[int]]) -> None:
         i, n, chosen = place
-        v, stream, components = tile.v[i], self.channels[i].stream, len(self.channels[i].rules)
-        sums = context.cells(components)
+        v, stream, components = tile.v[i], self.channels[i].stream, self.channels[i].components
+        sums = self.around.cells(components)
         for a, klass in enumerate(tile.klass):
             if self.steps(k - 1, i, klass) >= n:
                 sums.add(a, self._fine(tile, k - 1, i, a))
-        for part in context.passes(chosen):
+        for part in self.around.passes(chosen):
             around = {a: sums.around(a) for a in part}
             own = {a: [fine(x, n - 1) for x in v[a]] for a in part}
             before = {a: self._attributes(tile, k, a, i) for a in part}
-            for j in range(components):
+
+            inputs = {a: StepInputs(tile.klass[a], before[a], own[a], v[a], n) for a in part}
+
+            def contexts(j: int, inputs: dict[int, StepInputs] = inputs, around: Around = around) -> list[int]:
                 predictor = self.predictors[k - 1].get((stream, j, n))
-                contexts = table_contexts(tile, i, j, n, part)
-                if predictor:
-                    inputs = [StepInputs(tile.klass[a], before[a], own[a], tile.first[i][a], n) for a in part]
-                    contexts = [predictor.context(x.of(j, around[a])) for a, x in zip(part, inputs, strict=True)]
-                    self.traces[k - 1].contexts.setdefault((stream, j, n), []).extend(contexts)
-                self._refine(rans, tile, (i, j, n), part, contexts)
+                if predictor is None:
+                    return table_contexts(tile, i, j, n, list(inputs))
+                found = [predictor.context(x.of(j, around[a])) for a, x in inputs.items()]
+                self.traces[k - 1].contexts.setdefault((stream, j, n), []).extend(found)
+                return found
+
+            self.refine(rans, tile, (i, n, part), contexts)
             for a in part:
                 sums.add(a, [fine(x, n) for x in v[a]])
 
-    def _neural_indices(self, rans: Rans, tile: Tile, k: int, context: Context, number: int) -> None:
+    def _neural_indices(self, rans: Rans, tile: Tile, k: int, number: int) -> None:
         assert self.network is not None
         before = [self.stages(k - 1, c) for c in tile.klass]
         after = [self.stages(k, c) for c in tile.klass]
@@ -228,7 +179,7 @@ class Decoder:
         def features(a: int) -> list[int]:
             return grid.features(self.middle(number, tile.code[a])) if grid else []
 
-        reader = IndexReader(self.network, self.books, context, tile.klass, settled, features)
+        reader = IndexReader(self.network, self.books, self.around, tile.klass, settled, features)
         reader.read(rans, tile.index, before, after)
         self.traces[k - 1].embedded += reader.embedded
         for stage, table in sorted(reader.tables.items()):
@@ -241,36 +192,11 @@ class Decoder:
             chosen = [a for a in range(len(before)) if before[a] < stage <= after[a]]
             contexts = [16 * tile.klass[a] + (stage > 1 and tile.index[a][stage - 1] == 0) for a in chosen]
             rans.forget()
-            for a, value in zip(chosen, rans.read_by_context(key(INDICES, stage, 0, 0), contexts), strict=True):
-                require(0 <= value < len(self.books[min(stage - 1, 1)]), "bad-index")
+            values = rans.read_by_context(key(INDICES, stage, 0, 0), contexts)
+            require(all(0 <= value < len(self.books[min(stage - 1, 1)]) for value in values), "bad-index")
+            for a, value in zip(chosen, values, strict=True):
                 tile.index[a][stage] = value
             self.traces[k - 1].see(f"INDICES.{stage}", rans.first)
-
-    # ------------------------------------------------------------------------------------------ 9 reconstruction
-
-    def width(self, i: int, j: int, n: int) -> float:
-        return cell_width(self.channels[i].first_widths[j], n)
-
-    def positions(self, number: int, tile: Tile) -> list[list[float]]:
-        depth, shift, prefix = self.tiles[number]
-        corner = [x << (self.lattice_bits - depth) for x in deinterleaved(prefix)]
-        residual = next((i for i, channel in enumerate(self.channels) if channel.stream == POSITION_RESIDUAL), None)
-        out = []
-        for a, code in enumerate(tile.code):
-            local, place = deinterleaved(code), []
-            for axis in range(3):
-                r = None
-                if residual is not None:
-                    n = self.steps(self.k, residual, tile.klass[a])
-                    r = float(tile.v[residual][a][axis]) * self.width(residual, axis, n)
-                t = lattice_place(corner[axis], local[axis], shift, r)
-                place.append(self.origin[axis] + self.voxel * t)
-            out.append(place)
-        return out
-
-    def value(self, i: int, c: int, values: list[int]) -> list[float]:
-        n = 1 if self.channels[i].stream == OFFSETS else self.steps(self.k, i, c)
-        return [f32(float(v) * self.width(i, j, n)) for j, v in enumerate(values)]
 
     def codeword_sum(self, tile: Tile, a: int) -> list[int]:
         z = [0] * self.dimension
@@ -293,22 +219,40 @@ class Decoder:
         return [c + (x << shift) + (1 << shift >> 1) for c, x in zip(corner, deinterleaved(code), strict=True)]
 
 
-def cell_width(first_width: float, n: int) -> float:
-    """w(n) of SPEC §9: the width of a cell after n steps."""
-    return first_width / float(3 ** (n - 1)) if n else 0.0
+def parse_codebooks(block: bytes) -> dict[int, list[list[int]]]:
+    """The codebooks of a block by number (SPEC §7.8)."""
+    reader = Payload(block)
+    d = reader.count(64)
+    require(d >= 1, "bad-codebook")
+    count = reader.count(2)
+    require(count >= 1, "bad-codebook")
+    books: dict[int, list[list[int]]] = {}
+    for _ in range(count):
+        number, size = reader.u8(), reader.count(4096)
+        require(max(books, default=-1) < number <= 1 and size >= 1, "bad-codebook")
+        columns = []
+        for _ in range(d):
+            columns.append(read_rice(reader, size))
+            require(max(map(abs, columns[-1])) <= 65535, "bad-codebook")
+        books[number] = [list(word) for word in zip(*columns, strict=True)]
+    reader.finish()
+    return books
 
 
-def lattice_place(corner: int, local: int, shift: int, r: float | None) -> float:
-    """t of SPEC §9.1 along one axis; r is None without a channel POSITION_RESIDUAL."""
-    cell = float(1 << shift)
-    t = (float(corner) + float(local) * cell) + cell / 2.0
-    return t if r is None else t + cell * r
+def read_masks(rans: Rans, tile: Tile, k: int) -> None:
+    on = [sum(layer > 0 for layer in slots) for slots in tile.slot_layer]
+    for s in range(tile.slots):
+        chosen = [a for a, slots in enumerate(tile.slot_layer) if slots[s] == 0]
+        bits = rans.read_by_context(key(MASKS, 0, 0, 0), [on[a] for a in chosen])
+        require(all(bit in (0, 1) for bit in bits), "bad-mask")
+        for a, bit in zip(chosen, bits, strict=True):
+            if bit:
+                tile.slot_layer[a][s] = k
+                on[a] += 1
 
 
-def deinterleaved(code: int) -> list[int]:
-    return [sum((code >> (3 * bit + axis) & 1) << bit for bit in range(21)) for axis in range(3)]
-
-
-def f32(x: float) -> float:
-    """x rounded to binary32, to nearest, ties to even."""
-    return float(struct.unpack("<f", struct.pack("<f", x))[0])
+def read_offsets(rans: Rans, tile: Tile, k: int, i: int) -> None:
+    pairs = [(a, s) for a, slots in enumerate(tile.slot_layer) for s, layer in enumerate(slots) if layer == k]
+    for j in range(3):
+        for (a, s), value in zip(pairs, rans.read_by_context(key(OFFSETS, j, 1, 0), [0] * len(pairs)), strict=True):
+            tile.v[i][a][s][j] = value

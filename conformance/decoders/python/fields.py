@@ -1,4 +1,4 @@
-"""Bytes and entropy coding of the second decoder: SPEC.md §5.7 to §5.9 and §8 in plain loops, standard library only."""
+"""Bytes and entropy coding of the second decoder: SPEC.md §5.7, §5.8 and §8 in plain loops, standard library only."""
 
 from __future__ import annotations
 
@@ -6,9 +6,10 @@ import struct
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
-from conformance.decoders.python.zstd import BadFrame, NeedsLibrary, frame_content
+from conformance.decoders.python.zstd import BadFrame, frame_content, frame_header
 
-POSITIONS, CLASSES, MASKS, POSITION_RESIDUAL, INDICES, LATENT, OFFSETS = 1, 2, 3, 4, 9, 10, 11
+POSITIONS, CLASSES, MASKS, POSITION_RESIDUAL, SCALE, ROTATION, OPACITY, COLOUR = range(1, 9)
+INDICES, LATENT, OFFSETS = 9, 10, 11
 TOTAL = 1 << 24
 
 
@@ -21,7 +22,7 @@ def require(holds: bool, refusal: str) -> None:
         raise Refused(refusal)
 
 
-# ---------------------------------------------------------------------------------------------- 5.7 to 5.9 fields
+# ---------------------------------------------------------------------------------------------- 5.7 and 5.8 fields
 
 
 class Payload:
@@ -63,61 +64,31 @@ class Payload:
         require(value <= most, "count-limit")
         return value
 
-    def rice(self, n: int) -> list[int]:
-        """n integers (SPEC §5.9)."""
-        k = self.u8()
-        require(k <= 31, "bad-rice")
-        quotients = self._quotients(n)
-        low = self.take((n * k + 7) // 8)
-        bits = int.from_bytes(low, "big")
-        fill = 8 * len(low) - n * k
-        require(bits & ((1 << fill) - 1) == 0, "bad-rice")
-        out = []
-        for i, q in enumerate(quotients):
-            m = q << k | bits >> (fill + (n - 1 - i) * k) & ((1 << k) - 1)
-            require(m < 1 << 32, "bad-rice")
-            out.append(m >> 1 if m % 2 == 0 else -(m >> 1) - 1)
-        return out
-
-    def _quotients(self, n: int) -> list[int]:
-        if n == 0:
-            return []
-        bits = "".join(f"{byte:08b}" for byte in self.data[self.at : self.at + 32 * n])
-        if bits.count("0") < n:
-            raise Refused("payload-short" if len(bits) < 256 * n else "bad-rice")
-        quotients, at = [], 0
-        for _ in range(n):
-            zero = bits.index("0", at)
-            quotients.append(zero - at)
-            at = zero + 1
-        require(max(quotients) <= 255, "bad-rice")
-        fill = -at % 8
-        require("1" not in bits[at : at + fill], "bad-rice")
-        self.at += (at + fill) // 8
-        return quotients
-
-    def shifted(self, n: int) -> list[int]:
-        """n integers that share trailing zero bits (SPEC §5.9)."""
-        shift = self.u8()
-        require(shift <= 31, "bad-rice")
-        out = [v << shift for v in self.rice(n)]
-        require(all(abs(v) < 1 << 31 for v in out), "bad-rice")
-        return out
-
     def finish(self) -> None:
         require(self.at == len(self.data), "payload-long")
 
 
-def stored(frame: bytes) -> bytes:
-    """The content of a Zstandard frame (SPEC §5.8); only one with Huffman or FSE codes needs a library."""
+MAX_TABLES_BYTES, MAX_MLP_BYTES, MAX_WINDOW = 1 << 26, 1 << 24, 1 << 23
+
+
+def content_size(frame: bytes, most: int) -> int:
+    """The content size that a Zstandard frame states (SPEC §5.8)."""
+    try:
+        header = frame_header(frame)
+    except BadFrame as error:
+        raise Refused("bad-zstd") from error
+    require(header.content <= most, "content-limit")
+    require(header.window <= MAX_WINDOW, "bad-zstd")
+    return header.content
+
+
+def stored(frame: bytes, most: int = MAX_TABLES_BYTES) -> bytes:
+    """The content of a Zstandard frame."""
+    content_size(frame, most)
     try:
         return frame_content(frame)
     except BadFrame as error:
         raise Refused("bad-zstd") from error
-    except NeedsLibrary:
-        import zstandard
-
-        return zstandard.ZstdDecompressor().decompress(frame, allow_extra_data=False)
 
 
 # ---------------------------------------------------------------------------------------------- 8 entropy coding
@@ -176,6 +147,7 @@ class Rans:
     def __init__(self, data: bytes, tables: dict[int, Table]) -> None:
         self.forget()
         self.used: set[int] = set()
+        require(len(data) % 4 == 0, "rans-length")
         self.words = list(struct.unpack(f"<{len(data) // 4}I", data))
         require(not self.words or self.words[-1] != 0, "rans-last-word")
         self.tables = tables

@@ -71,7 +71,12 @@ def parse_grid(block: bytes) -> Grid:
     reader = Payload(block)
     origin, extent_bits = [reader.varint(32) for _ in range(3)], reader.varint(32)
     shapes = [[reader.varint(32) for _ in range(4)] for _ in range(reader.count(16))]
-    require(all(shape[0] < len(PLANES) for shape in shapes), "bad-grid")
+    most = (len(PLANES) - 1, 65535, 19, 8)
+    fits = all(a <= b for shape in shapes for a, b in zip(shape, most, strict=True))
+    least = all(min(shape[1:]) >= 1 for shape in shapes)
+    require(extent_bits <= 32 and bool(shapes) and fits and least, "bad-grid")
+    bits = sum(level.entries * level.features for level in (Level(PLANES[plane], *shape) for plane, *shape in shapes))
+    require(bits <= 1 << 24, "bad-grid")
     levels = []
     for plane, *shape in shapes:
         level = Level(PLANES[plane], *shape)

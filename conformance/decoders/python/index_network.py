@@ -20,6 +20,7 @@ from conformance.decoders.python.arithmetic import (
 )
 from conformance.decoders.python.fields import Payload, Rans, Table, cumulative, require
 from conformance.decoders.python.predictors import MAX_CLASSES
+from conformance.decoders.python.rice import read_shifted
 
 
 class Gru(NamedTuple):
@@ -67,6 +68,7 @@ class Network:
     latents: int
     grid: int
     dims: int
+    tokens: int
     embed: tuple[Linear, Linear]
     gru: list[Gru]
     attention: Attention | None
@@ -141,7 +143,7 @@ def parse_network(block: bytes) -> Network:
     inputs = classes + (attributes if flags & 1 else 0) + depths * (attributes + latents + 1) + grid
     require(inputs <= 512, "bad-network")
     network = Network(
-        bits, bool(flags & 1), latent_shift, codeword_shift, classes, attributes, depths, latents, grid, dims,
+        bits, bool(flags & 1), latent_shift, codeword_shift, classes, attributes, depths, latents, grid, dims, tokens,
         (_linear(reader, first, inputs), _linear(reader, hidden, first)),
         [_gru(reader, hidden, dims + 1, heads, tokens) if j == 0 else _gru(reader, hidden, hidden, 1, 1)
          for j in range(layers)],
@@ -150,23 +152,67 @@ def parse_network(block: bytes) -> Network:
         [_head(reader, dims + 1, mixed) for _ in range(heads)],
     )
     reader.finish()
-    require(classes <= MAX_CLASSES, "bad-network")
+    require(_is_sound(network, inputs), "bad-network")
     return network
+
+
+def _is_sound(net: Network, inputs: int) -> bool:
+    """R-10.5-2 to R-10.5-5, of a network that takes so many inputs."""
+    if not 8 <= net.bits <= 12 or net.classes > MAX_CLASSES or not net.gru or not net.heads:
+        return False
+    if min(inputs, net.dims, *(len(layer.biases) for layer in (*net.embed, net.mixer))) < 1:
+        return False
+    attention = [net.attention.query, net.attention.key, net.attention.value] if net.attention else []
+    projections = [layer for head in net.heads for layer in head.projections]
+    shifts = [net.latent_shift, net.codeword_shift, *(layer.shift for layer in net.gru)]
+    shifts += [shift for head in net.heads for shift in (head.shift, head.member_shift)]
+    shifts += [net.attention.shift] if net.attention else []
+    exact = all(layer.is_exact(net.amax) for layer in (*net.embed, *attention, net.mixer, *projections))
+    exact &= all(_gru_is_exact(layer, net.amax) for layer in net.gru)
+    exact &= all(map(_head_is_sound, net.heads))
+    return max(shifts) <= 24 and exact and (net.tokens == 0 or len(net.heads) == 2)
+
+
+def _head_is_sound(head: Head) -> bool:
+    if head.clusters:
+        return sum(head.clusters) == len(head.biases) >= 1 and min(head.clusters) >= 1
+    return len(head.biases) >= 1 and head.member_shift == 0
+
+
+def _gru_is_exact(layer: Gru, amax: int) -> bool:
+    def reach(matrix: Matrix, biases: Vector) -> int:
+        return max((amax * sum(map(abs, row)) + b for row, b in zip(matrix, biases, strict=True)), default=0)
+
+    rows = len(layer.wh)
+    most = [max((abs(bi[row]) for bi in layer.bi), default=0) for row in range(rows)]
+    sums = [reach(wi, most) for wi in layer.wi] + [reach(layer.wh, [abs(b) for b in layer.bh])]
+    return max(sums) + (1 << layer.shift >> 1) < 1 << 23 and all(abs(x) <= amax for x in layer.start)
+
+
+def check_network(net: Network, books: dict[int, Matrix]) -> None:
+    """R-10.5-7: the logits of every head stay in reach."""
+    for number, book in books.items():
+        coder, head = Coder(net, net.heads[number], book), net.heads[number]
+        flat = [(coder.words, head.biases, head.shift)]
+        members = [word for part in coder.deviations for word in part]
+        two = [(coder.centroids, head.cluster_biases, head.shift), (members, head.biases, head.member_shift)]
+        for vectors, biases, shift in two if head.clusters else flat:
+            require(Linear(vectors, biases, shift).is_exact(net.amax), "bad-network")
 
 
 def _linear(reader: Payload, rows: int, columns: int) -> Linear:
     shift = reader.u8()
     weights = read_matrix(reader, rows, columns, "bad-network")
-    return Linear(weights, reader.shifted(rows), shift)
+    return Linear(weights, read_shifted(reader, rows), shift)
 
 
 def _gru(reader: Payload, hidden: int, columns: int, matrices: int, tokens: int) -> Gru:
     shift, rows = reader.u8(), 3 * hidden
     wi = [read_matrix(reader, rows, columns, "bad-network") for _ in range(matrices)]
     wh = read_matrix(reader, rows, hidden, "bad-network")
-    biases = reader.shifted(tokens * rows)
+    biases = read_shifted(reader, tokens * rows)
     bi = [biases[t * rows : (t + 1) * rows] for t in range(tokens)]
-    return Gru(shift, wi, wh, bi, reader.shifted(rows), reader.shifted(hidden))
+    return Gru(shift, wi, wh, bi, read_shifted(reader, rows), read_shifted(reader, hidden))
 
 
 def _attention(reader: Payload, hidden: int) -> Attention:
@@ -179,8 +225,8 @@ def _head(reader: Payload, dims: int, mixed: int) -> Head:
     clusters = [reader.count(4096) for _ in range(reader.count(256))]
     projections = [_linear(reader, dims, mixed) for _ in range(2 if clusters else 1)]
     shift, member_shift = reader.fields("2B")
-    cluster_biases = reader.shifted(len(clusters))
-    return Head(clusters, projections, shift, member_shift, cluster_biases, reader.shifted(size))
+    cluster_biases = read_shifted(reader, len(clusters))
+    return Head(clusters, projections, shift, member_shift, cluster_biases, read_shifted(reader, size))
 
 
 def frequencies(logits: Vector) -> list[int]:

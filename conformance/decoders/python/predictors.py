@@ -3,17 +3,18 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import NamedTuple
 
 from conformance.decoders.python.arithmetic import Linear, Matrix, Vector, clamp, read_matrix, round_shift
 from conformance.decoders.python.context import fine
 from conformance.decoders.python.fields import Payload, require
+from conformance.decoders.python.rice import read_shifted
+from conformance.decoders.python.tile import Key
 
 ATTRIBUTES = (5, 6, 7, 8)
 PREDICTED = (*ATTRIBUTES, 10)
 MAX_CLASSES = 15
-
-Key = tuple[int, int, int]
 
 
 class Predictor(NamedTuple):
@@ -31,7 +32,7 @@ class Predictor(NamedTuple):
 
 
 def parse_predictors(block: bytes) -> dict[Key, Predictor]:
-    reader, out = Payload(block), {}
+    reader, out, keys = Payload(block), {}, list[Key]()
     count = reader.count(1024)
     require(count > 0, "bad-predictor")
     for _ in range(count):
@@ -40,9 +41,22 @@ def parse_predictors(block: bytes) -> dict[Key, Predictor]:
         require(sane, "bad-predictor")
         hidden = _stored_layer(reader, units, inputs, classes) if units else None
         output = _stored_layer(reader, 2, inputs + units, classes)
-        out[stream, component, step] = Predictor((b1 + 1, b2 + 1), hidden, output)
+        sound = output.is_exact(511) and (hidden is None or hidden.is_exact(511))
+        require(sound and step >= 1 and (b1 + 1) * (b2 + 1) <= 256, "bad-predictor")
+        keys.append((stream, component, step))
+        out[keys[-1]] = Predictor((b1 + 1, b2 + 1), hidden, output)
     reader.finish()
+    require(all(a < b for a, b in pairwise(keys)), "bad-predictor")
     return out
+
+
+def check_predictors(predictors: dict[Key, Predictor], components: dict[int, int], depths: int) -> None:
+    """N of each (R-10.3-3); `components` by stream, of every channel of the file."""
+    for (stream, _, _), predictor in predictors.items():
+        units = len(predictor.hidden.biases) if predictor.hidden else 0
+        before = sum(count for other, count in components.items() if other in ATTRIBUTES and other < stream)
+        wanted = MAX_CLASSES + before + components[stream] + depths * (components[stream] + 2)
+        require(len(predictor.output.weights[0]) - units == wanted, "bad-predictor")
 
 
 def _stored_layer(reader: Payload, rows: int, columns: int, classes: int) -> Linear:
@@ -50,7 +64,7 @@ def _stored_layer(reader: Payload, rows: int, columns: int, classes: int) -> Lin
     missing = [0] * (MAX_CLASSES - classes)
     kept = read_matrix(reader, rows, columns - len(missing), "bad-predictor")
     weights = [row[:classes] + missing + row[classes:] for row in kept]
-    return Linear(weights, reader.shifted(rows), shift)
+    return Linear(weights, read_shifted(reader, rows), shift)
 
 
 @dataclass(frozen=True)

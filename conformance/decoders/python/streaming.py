@@ -10,7 +10,7 @@ from typing import Any
 from conformance.decoders.python.container import STREAMING_KIND, container_fields
 from conformance.decoders.python.fields import Payload, require
 
-MAX_LAYERS, MAX_TILES, MAX_VIEWPOINTS = 16, 1 << 24, 64
+MAX_TILES = 1 << 24
 
 
 def read_streaming(data: bytes) -> Any:
@@ -25,35 +25,25 @@ def read_streaming(data: bytes) -> Any:
     require(zlib.crc32(block) == int(found[0]["crc32"]), "crc-mismatch")
     streaming = parse_streaming(block)
     require(len(streaming["reach"]) == int(fields["header"]["tile_count"]), "bad-streaming")
-    require(streaming["layers"] >= int(fields["header"]["layer_count"]), "bad-streaming")
     return streaming
 
 
 def parse_streaming(block: bytes) -> dict[str, Any]:
     """The fields of a block as the protocol has them."""
     reader = Payload(block)
-    layers = reader.u8()
-    require(1 <= layers <= MAX_LAYERS, "bad-streaming")
     tiles = reader.count(MAX_TILES)
     view = _floats(reader, 10 * reader.count(1))
     if view:
         require(all(map(math.isfinite, view)) and 0 < view[9] < math.pi, "bad-streaming")
-    viewpoints = reader.count(MAX_VIEWPOINTS)
-    places = _floats(reader, 3 * viewpoints)
-    require(all(map(math.isfinite, places)), "bad-streaming")
     low, high = list(reader.take(3 * tiles)), list(reader.take(3 * tiles))
     require(all(a <= b for a, b in zip(low, high, strict=True)), "bad-streaming")
     reach = list(reader.take(tiles))
-    gains = [list(reader.take(tiles)) for _ in range(viewpoints * layers)]
     reader.finish()
     return {
-        "layers": layers,
         "view": _bits(view) or None,
-        "viewpoints": _rows(_bits(places), 3),
         "low": _rows(low, 3),
         "high": _rows(high, 3),
         "reach": reach,
-        "gains": _rows(gains, layers),
     }
 
 

@@ -6,17 +6,11 @@ import itertools
 import zlib
 from typing import Any
 
-from conformance.decoders.python.fields import (
-    MASKS,
-    OFFSETS,
-    Payload,
-    Rans,
-    Table,
-    key,
-    require,
-)
+from conformance.decoders.python.fields import OFFSETS, Payload, Table, require
 from conformance.decoders.python.models import Channel
-from conformance.decoders.python.predictors import Key
+
+Key = tuple[int, int, int]
+"""Stream, component and step."""
 
 NAMES = {
     1: "POSITIONS", 2: "CLASSES", 3: "MASKS", 4: "POSITION_RESIDUAL", 5: "SCALE", 6: "ROTATION", 7: "OPACITY",
@@ -32,7 +26,6 @@ class Tile:
         self.klass: list[int] = []
         self.slot_layer: list[list[int]] = []
         self.v: list[list[Any]] = [[] for _ in channels]
-        self.first: list[list[list[int]]] = [[] for _ in channels]
         self.index: list[list[int]] = []
         self.slots = slots
         self.channels = channels
@@ -43,9 +36,8 @@ class Tile:
         self.slot_layer.append([0] * self.slots)
         self.index.append([0] * 9)
         for i, channel in enumerate(self.channels):
-            zeros = [0] * len(channel.rules)
+            zeros = [0] * channel.components
             self.v[i].append([list(zeros) for _ in range(self.slots)] if channel.stream == OFFSETS else list(zeros))
-            self.first[i].append(list(zeros))
 
 
 class Trace:
@@ -71,12 +63,18 @@ class Trace:
             self.frequencies[name] = [b - a for a, b in itertools.pairwise(table.cumulative)]
 
 
-def substreams(block: bytes) -> dict[int, bytes]:
+def substreams(block: bytes, kinds: set[int]) -> dict[int, bytes]:
+    """The sub-streams of a TILE block of a file that has these kinds (SPEC §7.1)."""
+    table = 1 + 9 * block[0]
+    require(block[0] <= 11 and table + 4 <= len(block), "bad-substream-table")
     reader = Payload(block)
     records = [reader.fields("BII") for _ in range(reader.u8())]
-    table = reader.at
     (crc,) = reader.fields("I")
     require(crc == zlib.crc32(block[:table]), "crc-mismatch")
+    found, lengths = [kind for kind, _, _ in records], [length for _, length, _ in records]
+    ascend = all(a < b for a, b in itertools.pairwise([0, *found, 12]))
+    whole = all(length > 0 and length % 4 == 0 for length in lengths) and table + 4 + sum(lengths) == len(block)
+    require(ascend and whole and set(found) <= kinds, "bad-substream-table")
     out = {}
     for kind, length, part_crc in records:
         out[kind] = reader.take(length)
@@ -85,31 +83,5 @@ def substreams(block: bytes) -> dict[int, bytes]:
 
 
 def table_contexts(tile: Tile, i: int, j: int, n: int, chosen: list[int]) -> list[int]:
-    """first_contexts and trit_contexts of SPEC §8.4."""
-    rule = tile.channels[i].rules[j]
-    contexts = [16 * tile.klass[a] * rule.by_class for a in chosen]
-    if n > 1:
-        return [c + min(max(tile.v[i][a][j], -2), 2) + 2 for c, a in zip(contexts, chosen, strict=True)]
-    if rule.source_channel == 255:
-        return contexts
-    source = [tile.first[rule.source_channel][a][rule.source_component] for a in chosen]
-    return [c + min(max((s - rule.low) >> rule.shift, 0), 15) for c, s in zip(contexts, source, strict=True)]
-
-
-def read_masks(rans: Rans, tile: Tile, k: int) -> None:
-    on = [sum(layer > 0 for layer in slots) for slots in tile.slot_layer]
-    for s in range(tile.slots):
-        chosen = [a for a, slots in enumerate(tile.slot_layer) if slots[s] == 0]
-        for a, bit in zip(chosen, rans.read_by_context(key(MASKS, 0, 0, 0), [on[a] for a in chosen]), strict=True):
-            require(bit in (0, 1), "bad-mask")
-            if bit:
-                tile.slot_layer[a][s] = k
-                on[a] += 1
-
-
-def read_offsets(rans: Rans, tile: Tile, k: int, i: int) -> None:
-    pairs = [(a, s) for a, slots in enumerate(tile.slot_layer) for s, layer in enumerate(slots) if layer == k]
-    for j, rule in enumerate(tile.channels[i].rules):
-        contexts = [16 * tile.klass[a] * rule.by_class for a, _ in pairs]
-        for (a, s), value in zip(pairs, rans.read_by_context(key(OFFSETS, j, 1, 0), contexts), strict=True):
-            tile.v[i][a][s][j] = value
+    """The contexts of a channel without predictors (SPEC §8.4)."""
+    return [0 if n == 1 else min(max(tile.v[i][a][j], -2), 2) + 2 for a in chosen]

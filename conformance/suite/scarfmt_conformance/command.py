@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
+import itertools
 import sys
-import threading
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass
+from functools import partial
 from typing import TYPE_CHECKING, Any, BinaryIO, TypeVar
 
 import click
@@ -17,7 +17,6 @@ from scarfmt.cli.progress import progress
 from scarfmt.errors import InvalidInput
 
 if TYPE_CHECKING:
-    from scarfmt_conformance.protocol import Decoder
     from scarfmt_conformance.runner import Result, Run
 
 _REFERENCE = "-"
@@ -115,25 +114,12 @@ def parse_stages(_ctx: click.Context, _parameter: click.Parameter, value: str | 
     return names
 
 
-@dataclass(frozen=True)
-class _Asked:
-    """How the decoder is asked: the command, whether it is a session, and its limits."""
-
-    words: list[str]
-    session: bool
-    timeout: float
-    memory: int
-
-    def connect(self, stop: threading.Event) -> Decoder:
-        from scarfmt_conformance.process import Limits, OneShot
-        from scarfmt_conformance.session import Session
-
-        limits = Limits(self.timeout, self.memory << 20)
-        return Session(self.words, limits, stop) if self.session else OneShot(self.words, limits, stop)
-
-
 @conformance.command("run", short_help="Ask a decoder about every vector.")
-@click.option("--decoder", metavar="CMD", help="Command to run for each question, with {file} {layers} {stage} in it.")
+@click.option(
+    "--decoder",
+    metavar="CMD",
+    help="Command to run for each question, with {file} {layers} {stage} in it, and {camera} for anchor models.",
+)
 @click.option(
     "--session",
     metavar="CMD",
@@ -169,10 +155,13 @@ def run_(ctx: click.Context, /, decoder: str | None, session: str | None, **want
     """
     from scarfmt_conformance import report
     from scarfmt_conformance.manifest import Selection, find_suite, open_suite
+    from scarfmt_conformance.process import Limits, OneShot
     from scarfmt_conformance.protocol import STAGES
     from scarfmt_conformance.runner import Options, run
+    from scarfmt_conformance.session import Session
 
-    asked = _asked(decoder, session, wanted["timeout"], wanted["memory"])
+    words = _command_words(decoder, session)
+    connect = partial(Session if session else OneShot, words, Limits(wanted["timeout"], wanted["memory"] << 20))
     selection = Selection(**{name: wanted[name] for name in ("only", "classes", "features")})
     options = Options(wanted["stages"] or STAGES, not wanted["all_layers"], wanted["jobs"], wanted["fail_fast"])
     with ExitStack() as files, progress(wanted["format_"] == "json" or wanted["verbose"]) as bar:
@@ -180,10 +169,11 @@ def run_(ctx: click.Context, /, decoder: str | None, session: str | None, **want
         vectors = selection.of(suite.vectors)
         names = {name: wanted[name] for name in ("output", "junit") if wanted[name] is not None}
         outputs = {name: files.enter_context(open_output(path, wanted["force"])) for name, path in names.items()}
-        score = run(suite, vectors, asked.connect, options, _Told(len(vectors), wanted["verbose"], bar).tell)
-        _write(outputs, score, asked.words)
+        tell = partial(_report, itertools.count(1), len(vectors), wanted["verbose"], bar)
+        score = run(suite, vectors, connect, options, tell)
+        _write(outputs, score, words)
     if wanted["format_"] == "json":
-        print_json(report.as_json(score, asked.words))
+        print_json(report.as_json(score, words))
     else:
         click.echo(report.score_text(score), nl=False)
     _print(score, wanted["verbose"])
@@ -191,8 +181,8 @@ def run_(ctx: click.Context, /, decoder: str | None, session: str | None, **want
         ctx.exit(FAILED)
 
 
-def _asked(decoder: str | None, session: str | None, timeout: float, memory: int) -> _Asked:
-    """How to ask.
+def _command_words(decoder: str | None, session: str | None) -> list[str]:
+    """The command of the decoder, or of the session if there is one.
 
     Raises:
         click.UsageError: both ways at once, a program that does not exist, or no POSIX system.
@@ -211,28 +201,22 @@ def _asked(decoder: str | None, session: str | None, timeout: float, memory: int
     if decoder is not None:
         words = template(decoder)
     elif session is None:
-        words = [*reference, "{file}", "--layers", "{layers}", "--stage", "{stage}"]
+        words = [*reference, "{file}", "--layers", "{layers}", "--stage", "{stage}", "--camera={camera}"]
     else:
         words = [*reference, "--session"] if session == _REFERENCE else command(session)
     if shutil.which(words[0]) is None:
         raise click.UsageError(f"there is no program {words[0]!r}")
-    return _Asked(words, session is not None, timeout, memory)
+    return words
 
 
-class _Told:
+def _report(done: Iterator[int], total: int, verbose: bool, bar: Callable[[str, float], None], result: Result) -> None:
     """The progress of a run: a bar, or with -v a line per vector."""
-
-    def __init__(self, total: int, verbose: bool, bar: Callable[[str, float], None]):
-        self._total, self._verbose, self._bar = total, verbose, bar
-        self._done = 0
-
-    def tell(self, result: Result) -> None:
-        self._done += 1
-        if self._verbose:
-            reason = f"  {result.reason}" if result.reason else ""
-            click.echo(f"{result.outcome:<7}  {result.seconds:7.2f} s  {result.vector.id}{reason}", err=True)
-        else:
-            self._bar(result.vector.id, self._done / self._total)
+    number = next(done)
+    if verbose:
+        reason = f"  {result.reason}" if result.reason else ""
+        click.echo(f"{result.outcome:<7}  {result.seconds:7.2f} s  {result.vector.id}{reason}", err=True)
+    else:
+        bar(result.vector.id, number / total)
 
 
 def _write(outputs: dict[str, BinaryIO], score: Run, words: Sequence[str]) -> None:

@@ -27,7 +27,6 @@ _MISSING = object()
 _SHA256 = re.compile(r"[0-9a-f]{64}")
 
 
-
 @dataclass(frozen=True)
 class Difference:
     """One thing that is not as pinned.

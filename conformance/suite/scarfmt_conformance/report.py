@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections import Counter
 from collections.abc import Iterable, Sequence
+from dataclasses import asdict
 from typing import Any
 from xml.etree import ElementTree
 
@@ -132,7 +133,7 @@ def skips_text(run: Run) -> str:
 
 
 def as_json(run: Run, command: Sequence[str]) -> dict[str, Any]:
-    """The report as a JSON object (docs/conformance.md)."""
+    """The report as a JSON object (docs/write-a-decoder.md)."""
     claims = run.capabilities
     return {
         "format": FORMAT,
@@ -186,18 +187,9 @@ def _result_json(result: Result) -> dict[str, Any]:
 
 
 def _failure_json(failure: Failure) -> dict[str, Any]:
-    return {
-        "kind": failure.kind,
-        "message": failure.message,
-        "layer": failure.layer,
-        "expected": failure.expected,
-        "got": failure.got,
-        "differences": [
-            {"stage": d.stage, "array": d.array, "message": d.message, "expected": d.expected, "got": d.got}
-            for d in failure.differences
-        ],
-        "stderr": failure.errors,
-    }
+    fields = asdict(failure)
+    fields["stderr"] = fields.pop("errors")
+    return fields
 
 
 def junit(run: Run) -> bytes:

@@ -138,14 +138,35 @@ class Run:
         return self.handshake is None and not counts[FAILED] and counts[PASSED] > 0
 
 
+Seen = dict[str, bool]
+"""Stage -> whether it agreed, of those compared."""
+
+
 @dataclass(frozen=True)
 class _Task:
-    """A question and the judge of its answer: adds the stages compared to a result, returns the failure."""
+    """A question, and which answers are right.
+
+    Attributes:
+        refusal: names the refusals that are right; None if none is.
+        compare: the differences of values, the stages compared added; None if values are wrong.
+    """
 
     layers: int
     stage: str
-    judge: Callable[[Answer, dict[str, bool]], Failure | None]
+    refusal: Expectation | None
+    compare: Callable[[Values, Seen], list[Difference]] | None
     camera: tuple[float, ...] | None = None
+
+    def judge(self, answer: Answer, seen: Seen) -> Failure | None:
+        """Why an answer is wrong."""
+        if isinstance(answer, Values) and self.compare is not None:
+            found = self.compare(answer, seen)
+            return _values_failure(found) if found else None
+        if self.refusal is not None:
+            return _judge_refusal(self.refusal, answer)
+        if isinstance(answer, Refusal):
+            return Failure("refused", "a file to be decoded is refused", expected="values", got=_refusal_text(answer))
+        return Failure("answer", "the answer is not to the question asked", expected="values")
 
 
 def run(
@@ -348,54 +369,52 @@ def refusals_held_to(stages: Sequence[str]) -> int:
 
 def _tasks(vector: Vector, expectation: Expectation, stages: list[str], last_layer: bool) -> Iterator[_Task]:
     """The questions of a vector that such a decoder is to be asked; none if it is not."""
-    folder = vector.expect.parent
-    if vector.result == "refused":
-        yield from _refusal_tasks(expectation, stages)
-    elif vector.result == "either":
-        yield from _either_tasks(expectation, stages, folder)
-    else:
-        for layer in expectation.layers[-1:] if last_layer else expectation.layers:
-            if pinned_stages(layer.stages, stages):
-                yield _Task(layer.layer, ALL, _judge_of(layer, stages, folder), expectation.camera)
-        for stage, pinned in expectation.annotations.items():
-            if stage in stages:
-                yield _Task(0, stage, partial(_annotation, stage, pinned))
-
-
-def _refusal_tasks(expectation: Expectation, stages: list[str]) -> Iterator[_Task]:
-    if expectation.stage in ANNOTATIONS:
+    folder, refusal = vector.expect.parent, None if vector.result == "decoded" else expectation
+    if refusal is not None and expectation.stage in ANNOTATIONS:
+        if vector.result == "either" and expectation.layers and pinned_stages(expectation.layers[-1].stages, stages):
+            yield _Task(0, ALL, refusal, partial(_compare, expectation.layers[-1], stages, folder))
         if expectation.stage in stages:
-            yield _Task(0, expectation.stage, lambda answer, _seen: _refused(expectation, answer))
-    elif REFUSAL_STAGES.index(expectation.stage) < refusals_held_to(stages):
-        yield _Task(0, ALL, lambda answer, _seen: _refused(expectation, answer))
-
-
-def _either_tasks(expectation: Expectation, stages: list[str], folder: Path) -> Iterator[_Task]:
-    last = expectation.layers[-1] if expectation.layers else None
-    of_metadata = expectation.stage == METADATA
-    held = not of_metadata and REFUSAL_STAGES.index(expectation.stage) < refusals_held_to(stages)
-    if held or (last is not None and pinned_stages(last.stages, stages)):
-        yield _Task(0, ALL, lambda answer, seen: _either(expectation, last, stages, folder, answer, seen))
-    if of_metadata and METADATA in stages:
-        yield _Task(0, METADATA, lambda answer, _seen: _any_metadata(expectation, answer))
+            whatever = _compare_object if vector.result == "either" and expectation.layers else None
+            yield _Task(0, expectation.stage, refusal, whatever)
+        return
+    if refusal is not None:
+        last = expectation.layers[-1] if expectation.layers and vector.result == "either" else None
+        held = REFUSAL_STAGES.index(expectation.stage) < refusals_held_to(stages)
+        if held or (last is not None and pinned_stages(last.stages, stages)):
+            yield _Task(0, ALL, refusal, partial(_compare, last, stages, folder) if last else None)
+        return
+    for layer in expectation.layers[-1:] if last_layer else expectation.layers:
+        if pinned_stages(layer.stages, stages):
+            yield _Task(layer.layer, ALL, None, partial(_compare, layer, stages, folder), expectation.camera)
+    for stage, pinned in expectation.annotations.items():
+        if stage in stages:
+            yield _Task(0, stage, None, partial(_compare_annotation, stage, pinned))
 
 
 # ------------------------------------------------------------------------------------------------ judges
 
 
-def _judge_of(layer: Layer, stages: list[str], folder: Path) -> Callable[[Answer, dict[str, bool]], Failure | None]:
-    return lambda answer, seen: _decoded(layer, stages, folder, answer, seen)
-
-
-def _decoded(layer: Layer, stages: list[str], folder: Path, answer: Answer, seen: dict[str, bool]) -> Failure | None:
-    if not isinstance(answer, Values):
-        return _not_values(answer)
+def _compare(layer: Layer, stages: list[str], folder: Path, answer: Values, seen: Seen) -> list[Difference]:
     found: list[Difference] = []
     for stage in pinned_stages(layer.stages, stages):
         different = differences(stage, layer.stages[stage], answer.stages.get(stage), folder)
         seen[stage] = seen.get(stage, True) and not different
         found += different
-    return _values_failure(found) if found else None
+    return found
+
+
+def _compare_annotation(stage: str, pinned: object, answer: Values, seen: Seen) -> list[Difference]:
+    difference = annotation_difference(stage, pinned, answer.stages.get(stage))
+    seen[stage] = difference is None
+    return [difference] if difference else []
+
+
+def _compare_object(answer: Values, _seen: Seen) -> list[Difference]:
+    """Of metadata that parsers differ about: whatever object is right."""
+    found = answer.stages.get(METADATA)
+    if isinstance(found, dict) and isinstance(found.get(METADATA), dict):
+        return []
+    return [Difference(METADATA, "", "the stage is not an object with an object metadata")]
 
 
 def _values_failure(found: Sequence[Difference]) -> Failure:
@@ -404,29 +423,19 @@ def _values_failure(found: Sequence[Difference]) -> Failure:
     return Failure("values", f"stage {first.stage}{subject}: {first.message}", differences=tuple(found))
 
 
-def _not_values(answer: Answer) -> Failure:
-    if isinstance(answer, Refusal):
-        return Failure("refused", "a file to be decoded is refused", expected="values", got=_refusal_text(answer))
-    return Failure("answer", "the answer is not to the question asked", expected="values")
-
-
 def _refusal_text(refusal: Refusal) -> str:
     return f"{refusal.id}: {refusal.message}" if refusal.message else refusal.id
 
 
-def _refused(expectation: Expectation, answer: Answer) -> Failure | None:
+def _judge_refusal(expectation: Expectation, answer: Answer) -> Failure | None:
     right = " or ".join(expectation.refusals)
     if isinstance(answer, Values):
         return Failure("accepted", "a file to be refused is decoded", expected=right, got="values")
     if not isinstance(answer, Refusal):
         return Failure("answer", "the answer is not to the question asked", expected=right)
-    if answer.id in expectation.refusals:
-        return _misplaced(expectation, answer)
-    return Failure("refusal", "refused with another id", expected=right, got=_refusal_text(answer))
-
-
-def _misplaced(expectation: Expectation, answer: Refusal) -> Failure | None:
-    """An offset that points elsewhere than at the fault; a decoder need not give one (SPEC R-12.1-1, R-12.1-2)."""
+    if answer.id not in expectation.refusals:
+        return Failure("refusal", "refused with another id", expected=right, got=_refusal_text(answer))
+    # An offset that points elsewhere than at the fault; a decoder need not give one (SPEC R-12.1-1, R-12.1-2).
     if expectation.offsets is None or answer.offset is None:
         return None
     first, past = expectation.offsets
@@ -434,34 +443,3 @@ def _misplaced(expectation: Expectation, answer: Refusal) -> Failure | None:
         return None
     right = f"an offset of {first}..{past}, or none"
     return Failure("offset", "refused at another byte", expected=right, got=_refusal_text(answer))
-
-
-def _either(
-    expectation: Expectation,
-    last: Layer | None,
-    stages: list[str],
-    folder: Path,
-    answer: Answer,
-    seen: dict[str, bool],
-) -> Failure | None:
-    if last is None or not isinstance(answer, Values):
-        return _refused(expectation, answer)
-    return _decoded(last, stages, folder, answer, seen)
-
-
-def _annotation(stage: str, pinned: object, answer: Answer, seen: dict[str, bool]) -> Failure | None:
-    if not isinstance(answer, Values):
-        return _not_values(answer)
-    difference = annotation_difference(stage, pinned, answer.stages.get(stage))
-    seen[stage] = difference is None
-    return _values_failure([difference]) if difference else None
-
-
-def _any_metadata(expectation: Expectation, answer: Answer) -> Failure | None:
-    """Metadata that parsers differ about: refused, or, where the rest of the file is sound, whatever object."""
-    if not isinstance(answer, Values) or not expectation.layers:
-        return _refused(expectation, answer)
-    found = answer.stages.get(METADATA)
-    if isinstance(found, dict) and isinstance(found.get(METADATA), dict):
-        return None
-    return _values_failure([Difference(METADATA, "", "the stage is not an object with an object metadata")])

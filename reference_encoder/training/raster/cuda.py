@@ -1,4 +1,10 @@
-"""Pictures of Gaussians on a CUDA device: torch projects, sorts and lists, Triton blends (:mod:`.triton_kernels`)."""
+"""Pictures of Gaussians on a CUDA device: torch projects, sorts and lists, Triton blends (:mod:`.triton_kernels`).
+
+The same EWA projection as :mod:`scarfmt.render.projection`, whose constants it takes, in binary64, which bears what
+cancels in long thin splats. An ellipse is kept as a sum of squares, across (dx - slope dy)^2 + down dy^2, which bears
+binary32 where the usual conic cancels. With the covariance (xx, xy, yy): across = yy / (xx yy - xy^2),
+slope = xy / yy, down = 1 / yy.
+"""
 
 from __future__ import annotations
 
@@ -8,20 +14,140 @@ from typing import Any, cast
 import torch
 from torch import Tensor
 
-from reference_encoder.training.raster.binning import Listing, list_tiles
-from reference_encoder.training.raster.gaussians import Gaussians
-from reference_encoder.training.raster.loading import GRADIENTS, TILE
-from reference_encoder.training.raster.projection import Lens, Seen, ellipses, see, to_camera, to_pixels
+from reference_encoder.training.raster.compiled import GRADIENTS, TILE, Gaussians, Listing
 from scarfmt.errors import missing_package
 from scarfmt.render.camera import Camera
-from scarfmt.render.projection import MAX_ALPHA, MIN_ALPHA, MIN_TRANSMITTANCE
+from scarfmt.render.projection import FRUSTUM_MARGIN, MAX_ALPHA, MIN_ALPHA, MIN_TRANSMITTANCE
+
+_BOUND_SLACK = 2e-3
+"""Bounds of an ellipse are widened by so much of a pixel, so that rounding to binary32 never drops a pixel."""
+
+
+@dataclass(frozen=True)
+class VisibleSplats:
+    """The S of M Gaussians that touch the centre of a pixel, nearest first; of two as near, the first.
+
+    Attributes:
+        means: (M, 2) float32 pixel positions of all centres, with a gradient; of those not in front of the camera, some
+            number.
+        which: (S,) int64 numbers among the M.
+        ellipses: (S, 3) float32 across, slope, down, with a gradient.
+        halves: (S, 2) float32 half extents, pixels.
+        half_row: (S,) float32 half extent in the row of the mean, pixels.
+    """
+
+    means: Tensor
+    which: Tensor
+    ellipses: Tensor
+    halves: Tensor
+    half_row: Tensor
+
+
+def project(gaussians: Gaussians, camera: Camera) -> VisibleSplats:
+    """Project M Gaussians, and find those that are visible."""
+    pose = torch.tensor(camera.world_to_camera[:3], dtype=torch.float64, device=gaussians.centres.device)
+    local = torch.addmm(pose[:, 3], gaussians.centres.double(), pose[:, :3].T)
+    # Rounded once, as by the compiled projection: else depths an ulp apart are drawn in another order than there.
+    depths = local[:, 2].detach().float()
+    ahead = torch.where(depths > camera.near, local[:, 2], 1.0)[:, None]
+    focal, middle = local.new_tensor([camera.fx, camera.fy]), local.new_tensor([camera.cx, camera.cy])
+    means = (local[:, :2] / ahead * focal + middle).float()
+    reach = 2 * torch.log(gaussians.opacities.detach() / MIN_ALPHA)
+    near = _nearby(depths, means.detach(), gaussians.scales.detach(), reach, camera)
+    own = [part.index_select(0, near) for part in (local, gaussians.scales, gaussians.rotations)]
+    xx, xy, yy = _covariance(own[0], own[1].double(), own[2].double(), pose, camera)
+    ellipses = torch.stack([yy / (xx * yy - xy * xy), xy / yy, 1 / yy], 1)
+    reach, near_means = reach[near], means.detach()[near]
+    halves = torch.sqrt(reach[:, None] * torch.stack([xx, yy], 1).detach().float()) + _BOUND_SLACK
+    touching = (_touches(near_means, halves, camera) & (ellipses[:, 0] > 0)).nonzero()[:, 0]
+    # Positive floats order like their bits, and whole numbers are sorted by digits.
+    order = touching[depths[near][touching].view(torch.int32).sort(stable=True).indices]
+    shown = ellipses.index_select(0, order).float()
+    half_row = torch.sqrt(reach[order] / shown.detach()[:, 0])
+    return VisibleSplats(means, near[order], shown, halves[order], half_row)
+
+
+def _limits(camera: Camera) -> tuple[float, float]:
+    """Slopes of rays beyond which the projection is that of the limit."""
+    return FRUSTUM_MARGIN * camera.width / (2 * camera.fx), FRUSTUM_MARGIN * camera.height / (2 * camera.fy)
+
+
+def _covariance(local: Tensor, scales: Tensor, rotations: Tensor, pose: Tensor, camera: Camera) -> Tensor:
+    """(3, V) float64 xx, xy, yy, dilated, pixels^2, of V Gaussians in front of the camera.
+
+    Args:
+        local: (V, 3) positions with the camera's axes; `scales`: (V, 3); `rotations`: (V, 4); all float64.
+        pose: (3, 4) of the camera.
+    """
+    slopes = (local[:, :2] / local[:, 2:]).T
+    limit_x, limit_y = _limits(camera)
+    tx, ty = slopes[0].clamp(-limit_x, limit_x)[:, None], slopes[1].clamp(-limit_y, limit_y)[:, None]
+    right, down, forward = pose[:, :3]
+    rows = torch.stack([camera.fx * (right - tx * forward), camera.fy * (down - ty * forward)], 1)
+    w, x, y, z = (rotations * (rotations * rotations).sum(1, keepdim=True).clamp_min(1e-200).rsqrt()).unbind(1)
+    # A zero quaternion stands for no rotation.
+    entries = [0.5 - y * y - z * z, x * y - w * z, x * z + w * y]
+    entries += [x * y + w * z, 0.5 - x * x - z * z, y * z - w * x]
+    entries += [x * z - w * y, y * z + w * x, 0.5 - x * x - y * y]
+    matrices = 2 * torch.stack(entries, 1).view(-1, 3, 3)
+    a, b = (rows / local[:, 2:, None] @ matrices * scales[:, None]).unbind(1)
+    xx, xy, yy = (a * a).sum(1), (a * b).sum(1), (b * b).sum(1)
+    return torch.stack([xx + camera.dilation, xy, yy + camera.dilation])
+
+
+def _nearby(depths: Tensor, means: Tensor, scales: Tensor, reach: Tensor, camera: Camera) -> Tensor:
+    """(V,) int64 rising: which Gaussians may touch the picture, by the largest circle that they could show as."""
+    limit_x, limit_y = _limits(camera)
+    widest = max(camera.fx**2 * (1 + limit_x**2), camera.fy**2 * (1 + limit_y**2))
+    radius = torch.sqrt(reach * (widest * (scales.amax(1) / depths).square() + camera.dilation)) + _BOUND_SLACK
+    halves = means.new_tensor([camera.width / 2, camera.height / 2])
+    beyond = ((means - halves).abs() - halves).amax(1)
+    # Written so that a NaN is left out too.
+    near = (depths > camera.near) & (depths < torch.inf) & (reach >= 0) & (beyond <= radius)
+    return near.nonzero()[:, 0]
+
+
+def _touches(means: Tensor, halves: Tensor, camera: Camera) -> Tensor:
+    """(V,) bool: whether the centre of some pixel of the picture lies within `halves` of `means`, both (V, 2)."""
+    last = means.new_tensor([camera.width - 1, camera.height - 1])
+    first_pixel = (means - halves - 0.5).ceil().clamp_min(0)
+    last_pixel = torch.minimum((means + halves - 0.5).floor(), last)
+    return (first_pixel <= last_pixel).all(1)
+
+
+def list_tiles(means: Tensor, halves: Tensor, camera: Camera) -> Listing:
+    """List the tiles with pixel centres in the bounds of S splats, each of which touches one.
+
+    Args:
+        means: (S, 2) float32 pixels, without gradient.
+        halves: (S, 2) float32 half extents, pixels.
+        camera: gives the size of the picture.
+    """
+    columns, rows = -(-camera.width // TILE), -(-camera.height // TILE)
+    last = means.new_tensor([camera.width - 1, camera.height - 1])
+    first_tile = (means - halves - 0.5).ceil().clamp_min(0).int() // TILE
+    past_tile = torch.minimum((means + halves - 0.5).floor(), last).int() // TILE + 1
+    wide, high = (past_tile - first_tile).unbind(1)
+    counts = wide * high
+    starts = torch.zeros(len(means) + 1, dtype=torch.int64, device=means.device)
+    torch.cumsum(counts, 0, out=starts[1:])
+    splats = torch.arange(len(means), dtype=torch.int32, device=means.device)
+    owners = torch.repeat_interleave(splats, counts)
+    within = torch.arange(len(owners), dtype=torch.int32, device=means.device) - starts.int()[owners]
+    wide_here = wide[owners]
+    row = torch.div(within, wide_here, rounding_mode="floor")
+    corner = first_tile[:, 1] * columns + first_tile[:, 0]
+    tiles = corner[owners] + row * (columns - wide_here) + within
+    sorted_tiles, listed = tiles.sort(stable=True)
+    numbers = torch.arange(columns * rows + 1, dtype=torch.int32, device=means.device)
+    return Listing(columns, torch.searchsorted(sorted_tiles, numbers), listed.int(), owners[listed], starts)
 
 
 @dataclass(frozen=True)
 class _View:
-    """The blended splats: rows as `Splat` of raster.h, their Gaussians, tiles and picture."""
+    """The blended splats: their Gaussians, rows as `Splat` of raster.h, tiles and picture."""
 
-    seen: Seen
+    which: Tensor
     splats: Tensor
     listing: Listing
     camera: Camera
@@ -82,11 +208,10 @@ class _Composite(torch.autograd.Function):
     def backward(ctx: Any, towards: Tensor, _: Tensor) -> tuple[Tensor | None, ...]:
         opacities, _, image = ctx.saved_tensors
         left, drawn, view = ctx.state
-        towards, which = towards.contiguous(), view.seen.which
+        towards, which = towards.contiguous(), view.which
         parts = towards.new_zeros(len(view.listing.listed), GRADIENTS)
         kernels().unblend[view.grid](*view.lists(), image, towards, drawn, parts, *view.rules())
-        sums = _of_splats(_by_splat(parts, view.listing), view.seen.ellipses, opacities[which])
-        to_shapes, *others = sums
+        to_shapes, *others = _of_splats(_by_splat(parts, view.listing), view.splats[:, 2:5], opacities[which])
         to_means, to_opacities, to_colours = (
             part.new_zeros(ctx.count, *part.shape[1:]).index_copy_(0, which, part) for part in others
         )
@@ -123,15 +248,12 @@ def draw(gaussians: Gaussians, camera: Camera, background: Tensor) -> tuple[Tens
     Raises:
         InvalidInput: ``input-dependency`` where Triton is not installed.
     """
-    lens = Lens.of(camera, gaussians.centres)
-    local = to_camera(gaussians.centres, lens)
-    means = to_pixels(local, lens)
-    held = Gaussians(*(one.detach() for one in gaussians.tensors()))
-    seen = see(local.detach(), means.detach(), held, lens)
-    centres, which = means.detach()[seen.which], seen.which
-    shades = held.opacities[which, None].log2(), held.colours[which]
-    splats = torch.cat([centres, seen.ellipses, seen.half_row[:, None], seen.halves, *shades], 1)
-    view = _View(seen, splats, list_tiles(centres, seen.halves, camera), camera)
-    inputs = means, ellipses(local, gaussians, seen, lens), gaussians.opacities, gaussians.colours, background
+    seen = project(gaussians, camera)
+    which = seen.which
+    centres, ellipses = seen.means.detach()[which], seen.ellipses.detach()
+    shades = gaussians.opacities.detach()[which, None].log2(), gaussians.colours.detach()[which]
+    splats = torch.cat([centres, ellipses, seen.half_row[:, None], seen.halves, *shades], 1)
+    view = _View(which, splats, list_tiles(centres, seen.halves, camera), camera)
+    inputs = seen.means, seen.ellipses, gaussians.opacities, gaussians.colours, background
     image, weights = cast(tuple[Tensor, Tensor], _Composite.apply(*inputs, view))  # type: ignore[no-untyped-call]
-    return image, means, which, weights[:, 0]
+    return image, seen.means, which, weights[:, 0]

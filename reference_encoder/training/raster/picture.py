@@ -7,11 +7,8 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from reference_encoder.training.raster.composite import composite
+from reference_encoder.training.raster.compiled import Gaussians, composite, prepare
 from reference_encoder.training.raster.cuda import draw
-from reference_encoder.training.raster.gaussians import Gaussians
-from reference_encoder.training.raster.prepare import prepare
-from scarfmt.errors import InvalidInput
 from scarfmt.render.camera import Camera
 
 
@@ -33,22 +30,6 @@ class Picture:
     weights: Tensor
 
 
-def _check(gaussians: Gaussians, background: Tensor) -> None:
-    count = len(gaussians.centres)
-    expected: list[tuple[str, Tensor, tuple[int, ...]]] = [
-        ("centres", gaussians.centres, (count, 3)),
-        ("scales", gaussians.scales, (count, 3)),
-        ("rotations", gaussians.rotations, (count, 4)),
-        ("opacities", gaussians.opacities, (count,)),
-        ("colours", gaussians.colours, (count, 3)),
-        ("background", background, (3,)),
-    ]
-    for name, found, shape in expected:
-        if found.shape != shape or found.dtype != torch.float32:
-            message = f"expected float32 {shape}, got {found.dtype} {tuple(found.shape)}"
-            raise InvalidInput("input-shape", message, field=name)
-
-
 def rasterise(gaussians: Gaussians, camera: Camera, background: Tensor) -> Picture:
     """Draw Gaussians by the image model of :mod:`scarfmt.render.rasterise`, in float32.
 
@@ -61,21 +42,16 @@ def rasterise(gaussians: Gaussians, camera: Camera, background: Tensor) -> Pictu
         background: (3,) float32 colour behind everything.
 
     Raises:
-        InvalidInput: ``input-shape``; ``input-dependency`` where the compiled library, or on CUDA Triton, is missing.
+        InvalidInput: ``input-dependency`` where the compiled library, or on CUDA Triton, is missing.
     """
-    _check(gaussians, background)
     if gaussians.centres.device.type == "cpu":
         prepared = prepare(gaussians, camera)
         image, weights = composite(prepared, gaussians, background, camera)
         picture = Picture(image, prepared.means, prepared.places >= 0, weights)
     else:
-        picture = _on_device(gaussians, camera, background)
+        image, means, which, parts = draw(gaussians, camera, background)
+        shown, weights = means.new_zeros(len(means), dtype=torch.bool), means.new_zeros(len(means))
+        picture = Picture(image, means, shown.index_fill_(0, which, True), weights.index_copy_(0, which, parts))
     if picture.means.requires_grad:
         picture.means.retain_grad()
     return picture
-
-
-def _on_device(gaussians: Gaussians, camera: Camera, background: Tensor) -> Picture:
-    image, means, which, parts = draw(gaussians, camera, background)
-    shown, weights = means.new_zeros(len(means), dtype=torch.bool), means.new_zeros(len(means))
-    return Picture(image, means, shown.index_fill_(0, which, True), weights.index_copy_(0, which, parts))

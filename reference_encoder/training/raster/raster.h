@@ -5,7 +5,7 @@
 
 #include <stdint.h>
 
-#include "../../../scarfmt/kernel/compiler.h"
+#include "../../../scarfmt/native/compiler.h"
 
 #define TILE 16
 #define GRADIENTS 9

@@ -2,7 +2,8 @@
 
 The content decides the format.
 
-Only NumPy and json are imported: a wrong file is told before anything slow begins.
+Only NumPy, json and, where a photo has to say its size, Pillow are imported: a wrong file is told before anything
+slow begins.
 """
 
 from __future__ import annotations
@@ -15,10 +16,16 @@ from typing import Any
 
 from scarfmt.render.camera import Camera
 from scarfmt.render.capture.colmap import colmap_cameras, colmap_distorted, model_files
-from scarfmt.render.capture.distorted import Distorted
-from scarfmt.render.capture.listing import inria_camera, own_camera
 from scarfmt.render.capture.points import Points, colmap_points, ply_points
-from scarfmt.render.capture.record import MAX_CAMERAS, MAX_LISTING_BYTES, Record, wrong
+from scarfmt.render.capture.record import (
+    MAX_CAMERAS,
+    MAX_LISTING_BYTES,
+    Distorted,
+    Record,
+    inria_camera,
+    own_camera,
+    wrong,
+)
 from scarfmt.render.capture.transforms import DATAPARSER, transforms_cameras, transforms_distorted, transforms_points
 
 __all__ = ["held_out", "load_cameras", "load_distorted", "load_points"]
@@ -51,10 +58,14 @@ def load_cameras(path: str | PathLike[str]) -> list[Camera]:
         OSError: it cannot be read.
 
     Warns:
-        InputWarning: lens distortion is ignored, or a size had to be assumed.
+        InputWarning: lens distortion is ignored, or a list has another length than it says.
     """
     files = listings(Path(path))
-    found = [_marked(camera, file, files) for file in files for camera in _cameras(file)]
+    found = [
+        camera if len(files) == 1 else replace(camera, split=_BLENDER[file.name])
+        for file in files
+        for camera in _cameras(file)
+    ]
     if not found:
         raise wrong(str(path), "lists no cameras; export them again")
     return found
@@ -135,11 +146,6 @@ def _cameras(path: Path) -> list[Camera]:
         case list(entries):
             return [inria_camera(record) for record in _records(path, "", entries)]
     raise wrong(str(path), f"is no list of cameras; known are {_KNOWN}")
-
-
-def _marked(camera: Camera, file: Path, files: list[Path]) -> Camera:
-    """`camera`, marked by which of several files lists it."""
-    return camera if len(files) == 1 else replace(camera, split=_BLENDER[file.name])
 
 
 def _distorted(path: Path) -> list[Distorted]:

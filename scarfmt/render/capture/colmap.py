@@ -7,6 +7,7 @@ are there, the binary one is read, as COLMAP does.
 
 from __future__ import annotations
 
+import math
 import struct
 import warnings
 from collections.abc import Iterator
@@ -17,10 +18,9 @@ from typing import BinaryIO
 import numpy as np
 
 from scarfmt.arrays import F64
-from scarfmt.errors import InputWarning, InvalidInput
+from scarfmt.errors import InputWarning, InvalidInput, plural
 from scarfmt.render.camera import Camera
-from scarfmt.render.capture.distorted import Distorted
-from scarfmt.render.capture.record import EXPORT_AGAIN, MAX_CAMERAS, Record, wrong
+from scarfmt.render.capture.record import EXPORT_AGAIN, MAX_CAMERAS, Distorted, Record, wrong
 from scarfmt.scene.rotation import matrix_from_quaternion
 
 FOLDERS = (".", "sparse", "sparse/0")
@@ -57,6 +57,13 @@ MODELS = (
     LensModel("SIMPLE_RADIAL_FISHEYE", 4, 0),
     LensModel("RADIAL_FISHEYE", 5, 0),
     LensModel("THIN_PRISM_FISHEYE", 12, 0),
+    LensModel("RAD_TAN_THIN_PRISM_FISHEYE", 16, 0),
+    LensModel("SIMPLE_DIVISION", 4, 0),
+    LensModel("DIVISION", 5, 0),
+    LensModel("SIMPLE_FISHEYE", 3, 0),
+    LensModel("FISHEYE", 4, 0),
+    LensModel("EUCM", 6, 0),
+    LensModel("EQUIRECTANGULAR", 2, 0),
 )
 """By the number that binary files have for them."""
 
@@ -130,9 +137,10 @@ def colmap_cameras(cameras: Path, images: Path) -> list[Camera]:
         OSError: a file cannot be read.
     """
     lenses, poses = _lenses_and_poses(cameras, images)
-    pinholes = {number: lens.pinhole() for number, lens in lenses.items()}
+    used = {number: lenses[number] for _, number, _, _ in poses}
+    pinholes = {number: lens.pinhole() for number, lens in used.items()}
     found = [record.camera("pose", pose, *pinholes[number], name) for record, number, pose, name in poses]
-    if any(lens.distorts for lens in lenses.values()):
+    if any(lens.distorts for lens in used.values()):
         warnings.warn(f"{cameras}: lens distortion is ignored", InputWarning, stacklevel=3)
     return sorted(found, key=lambda camera: camera.name)
 
@@ -253,25 +261,58 @@ def _text_lenses(path: Path) -> Iterator[tuple[int, Lens]]:
             parameters = [float(word) for word in words[4:]]
         except (IndexError, ValueError) as error:
             raise record.fault("camera", f"expected ID MODEL WIDTH HEIGHT PARAMS...; {EXPORT_AGAIN}") from error
-        if words[1] not in by_name:
-            raise record.fault("model", f"COLMAP's camera model {words[1][:40]} is not known here; use PINHOLE")
-        yield camera, _lens(record, by_name[words[1]], (width, height), parameters)
+        # A lens that no image uses is no fault, whatever its model is.
+        model = by_name.get(words[1], LensModel(words[1][:40], len(parameters), 0))
+        yield camera, _lens(record, model, (width, height), parameters)
 
 
 def _text_poses(path: Path) -> Iterator[Pose]:
-    lines = _lines(path)
-    for number, line in lines:
-        words = line.split(maxsplit=9)
-        if not words or line.startswith("#"):
+    """The images, each with a line of points after it, or without: some tools leave out empty lines."""
+    declared, found, points_due = None, 0, False
+    for number, line in _lines(path):
+        if line.startswith("#"):
+            declared = _declared(line) if declared is None else declared
             continue
-        try:
-            numbers, camera, name = [float(word) for word in words[1:8]], int(words[8]), words[9].strip()
-        except (IndexError, ValueError) as error:
-            place = f"line {number}"
-            message = f"expected ID QW QX QY QZ TX TY TZ CAMERA_ID NAME, then a line of points; {EXPORT_AGAIN}"
-            raise wrong(str(path), message, place) from error
-        next(lines, None)  # its keypoints, perhaps an empty line
-        yield Pose(np.array(numbers), camera, name)
+        if points_due and not _is_image(line):
+            points_due = False
+            continue
+        if not line.strip():
+            continue
+        found, points_due = found + 1, True
+        yield _pose(path, number, line)
+    if declared is not None and declared != found:
+        message = f"{path}: holds {plural(found, 'image')}, but its header says {declared:,}"
+        warnings.warn(message, InputWarning, stacklevel=3)
+
+
+def _declared(comment: str) -> int | None:
+    """Images that a comment of the header says there are: `# Number of images: 4, mean observations...`."""
+    match comment.lower().replace(",", " ").replace(":", " ").split():
+        case ["#", "number", "of", "images", count, *_] if count.isdecimal():
+            return int(count)
+    return None
+
+
+def _is_image(line: str) -> bool:
+    """Whether a line where points are due is of an image: points are numbers alone, three for each."""
+    words = line.split(maxsplit=10)
+    return len(words) >= 10 and _are_numbers(words[:9]) and not (len(words) > 10 and _are_numbers(words[9:10]))
+
+
+def _are_numbers(words: list[str]) -> bool:
+    try:
+        return all(math.isfinite(float(word)) for word in words)
+    except ValueError:
+        return False
+
+
+def _pose(path: Path, number: int, line: str) -> Pose:
+    words = line.split(maxsplit=9)
+    try:
+        return Pose(np.array([float(word) for word in words[1:8]]), int(words[8]), words[9].strip())
+    except (IndexError, ValueError) as error:
+        message = f"expected ID QW QX QY QZ TX TY TZ CAMERA_ID NAME, then a line of points; {EXPORT_AGAIN}"
+        raise wrong(str(path), message, f"line {number}") from error
 
 
 def _lines(path: Path) -> Iterator[tuple[int, str]]:

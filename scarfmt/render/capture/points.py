@@ -9,8 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from scarfmt.arrays import F64, U8
-from scarfmt.formats.ply import read_header
-from scarfmt.formats.ply_body import read_elements
+from scarfmt.formats.ply import read_elements, read_header
 from scarfmt.formats.source import Source
 from scarfmt.render.capture.record import EXPORT_AGAIN, wrong
 
@@ -48,7 +47,7 @@ def ply_points(path: Path) -> Points:
     positions = np.stack([rows[axis].astype(np.float64) for axis in "xyz"], axis=1)
     names = ("red", "green", "blue")
     coloured = all(name in (rows.dtype.names or ()) and rows.dtype[name] == np.uint8 for name in names)
-    colours = np.stack([rows[name] for name in names], axis=1) if coloured else _grey(len(rows))
+    colours = np.stack([rows[name] for name in names], axis=1) if coloured else np.full((len(rows), 3), _GREY, np.uint8)
     return _checked(path, positions, colours)
 
 
@@ -105,7 +104,3 @@ def _checked(path: Path, positions: F64, colours: U8) -> Points:
         row = int(np.flatnonzero(~np.isfinite(positions).all(axis=1))[0])
         raise wrong(str(path), f"point {row + 1} is not at a finite place; {EXPORT_AGAIN}")
     return Points(positions, colours)
-
-
-def _grey(count: int) -> U8:
-    return np.full((count, 3), _GREY, np.uint8)

@@ -14,7 +14,6 @@ Poses are taken as they stand, which is where trainers that read the file put th
 from __future__ import annotations
 
 import math
-import struct
 import warnings
 from collections.abc import Mapping
 from pathlib import Path
@@ -25,9 +24,8 @@ import numpy as np
 from scarfmt.arrays import F64
 from scarfmt.errors import InputWarning, InvalidInput
 from scarfmt.render.camera import Camera
-from scarfmt.render.capture.distorted import Distorted
 from scarfmt.render.capture.points import Points
-from scarfmt.render.capture.record import MAX_PIXELS_WIDE, Record, focal_of_angle, inverted
+from scarfmt.render.capture.record import Distorted, Record, focal_of_angle, inverted
 
 DATAPARSER = "dataparser_transforms.json"
 PINHOLE_MODELS = ("", "PINHOLE", "SIMPLE_PINHOLE", "OPENCV", "SIMPLE_RADIAL", "RADIAL", "FULL_OPENCV")
@@ -37,9 +35,8 @@ _SIZES = ("w", "h", "fl_x", "fl_y", "cx", "cy", "camera_angle_x", "camera_angle_
 _SHARED = (*_SIZES, "camera_model", "is_fisheye", *_DISTORTIONS)
 """Fields that may stand above the frames and then hold for all of them."""
 _FLIP = np.diag([1.0, -1.0, -1.0, 1.0])
-_BLENDER_PIXELS = 800
-"""Width and height of the pictures of NeRF's synthetic scenes, whose files do not name them."""
-_PNG = struct.Struct(">8s4s4sII")
+ENDINGS = ("", ".png", ".jpg", ".jpeg", ".JPG", ".JPEG", ".PNG")
+"""Blender's file names leave out the ending, INRIA's lists too."""
 _SPLITS = {"train_filenames": "train", "val_filenames": "test", "test_filenames": "test"}
 
 
@@ -64,9 +61,6 @@ def transforms_cameras(file: str, document: Mapping[str, Any], frames: list[Any]
     cameras = [_camera(record, placed, splits) for record in records]
     if any(_distorts(record) for record in records):
         warnings.warn(f"{file}: lens distortion (k1, ...) is ignored", InputWarning, stacklevel=3)
-    if any("w" not in record.values and _picture_size(record) is None for record in records):
-        message = f"{file} names no size of pictures: {_BLENDER_PIXELS}x{_BLENDER_PIXELS} is assumed"
-        warnings.warn(message, InputWarning, stacklevel=3)
     return cameras
 
 
@@ -185,26 +179,31 @@ def _focal(record: Record, key: str, angle_key: str, pixels: int, default: float
 
 
 def _size(record: Record) -> tuple[int, int]:
-    if "w" in record.values:
+    """Width and height, pixels: of the frame or the file, else of the photo."""
+    if "w" in record.values or "h" in record.values:
         return record.pixels("w"), record.pixels("h")
-    return _picture_size(record) or (_BLENDER_PIXELS, _BLENDER_PIXELS)
+    from PIL import Image, UnidentifiedImageError
 
-
-def _picture_size(record: Record) -> tuple[int, int] | None:
-    """Width and height of the frame's PNG, if it is there: Blender's file names leave out the ending."""
     name = record.text("file_path")
-    if not name or "\0" in name:
-        return None
-    path = Path(record.file).parent / (name if name.lower().endswith(".png") else f"{name}.png")
+    file = None if "\0" in name else picture_file(Path(record.file).parent, name)
+    if file is None:
+        message = f"neither w and h are there nor the photo {name[:80]!r}: give the sizes, or put the photos beside"
+        raise record.fault("w", message)
     try:
-        if not path.is_file():
-            return None
-        with path.open("rb") as stream:
-            signature, _length, kind, width, height = _PNG.unpack(stream.read(_PNG.size))
-    except (OSError, ValueError, struct.error):
+        with Image.open(file) as image:
+            width, height = image.size
+    except (UnidentifiedImageError, Image.DecompressionBombError, SyntaxError, OSError) as error:
+        raise record.fault("w", f"w and h are not there, and {file} is no readable picture") from error
+    sized = Record(record.file, record.place, {"w": width, "h": height})
+    return sized.pixels("w"), sized.pixels("h")
+
+
+def picture_file(folder: Path, name: str) -> Path | None:
+    """The picture of a name, which lists may give without its ending; None where there is none."""
+    if not name:
         return None
-    good = signature == b"\x89PNG\r\n\x1a\n" and kind == b"IHDR"
-    return (width, height) if good and 0 < width <= MAX_PIXELS_WIDE and 0 < height <= MAX_PIXELS_WIDE else None
+    candidates = (folder / f"{name}{ending}" for ending in ENDINGS)
+    return next((file for file in candidates if file.is_file()), None)
 
 
 def _splits(file: str, document: Mapping[str, Any]) -> dict[str, str]:

@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 from click.testing import CliRunner
-from scarfmt_conformance.archive import pack, unpacked
-from scarfmt_conformance.manifest import check_file, find_suite, load_expectation, load_suite, open_suite
+from scarfmt_conformance.archive import members, names, pack, unpacked
+from scarfmt_conformance.manifest import check_file, find_suite, load_expectation, open_suite
 
 from scarfmt.cli import cli
 from scarfmt.errors import InvalidInput
@@ -28,12 +28,12 @@ def test_it_holds_every_vector_as_the_manifest_names_it(archive: Path) -> None:
     """A file left out or changed would be a damaged suite."""
     with open_suite(archive) as suite:
         assert (suite.archive, suite.place) == (archive, archive)
-        assert [vector.id for vector in suite.vectors] == [vector.id for vector in load_suite(CONFORMANCE).vectors]
+        assert [vector.id for vector in suite.vectors] == names()
         for vector in suite.vectors:
             check_file(vector)
             load_expectation(vector)
-        references = {path.relative_to(suite.folder) for path in suite.folder.rglob("activated/*")}
-    assert references == {path.relative_to(CONFORMANCE) for path in (CONFORMANCE / "vectors").rglob("activated/*")}
+        files = {path.relative_to(suite.folder).as_posix() for path in suite.folder.rglob("vectors/**/*.*")}
+    assert files == set(members(CONFORMANCE))
     assert not suite.folder.exists(), "what was unpacked is removed"
 
 
@@ -43,9 +43,10 @@ def test_equal_vectors_make_equal_archives(archive: Path, tmp_path: Path) -> Non
     assert (tmp_path / "again.zip").read_bytes() == archive.read_bytes()
 
 
-def test_a_folder_is_used_as_it_is() -> None:
-    with unpacked(CONFORMANCE) as folder:
-        assert folder == CONFORMANCE
+def test_the_archives_of_a_checkout_are_the_suite(archive: Path) -> None:
+    """The same files as from the one zip, and the user reads of the folder."""
+    with unpacked(archive) as one, unpacked(CONFORMANCE) as folder:
+        assert {p.relative_to(one) for p in one.rglob("*.*")} == {p.relative_to(folder) for p in folder.rglob("*.*")}
     with open_suite(CONFORMANCE) as suite:
         assert suite.place == CONFORMANCE
 

@@ -26,11 +26,6 @@ def compared(expected: Json, got: Any) -> list[Difference]:
     return differences("values", {"arrays": {"a": expected}}, {"arrays": {"a": got}}, HERE)
 
 
-def test_equal_arrays_agree_and_more_arrays_do_no_harm() -> None:
-    pinned = {"arrays": {"a": array(first=[1])}}
-    assert differences("values", pinned, {"arrays": {"a": array(), "b": 5}}, HERE) == []
-
-
 @pytest.mark.parametrize(
     ("got", "message"),
     [
@@ -48,13 +43,6 @@ def test_equal_arrays_agree_and_more_arrays_do_no_harm() -> None:
 )
 def test_exact_arrays_differ_by_type_then_shape_then_hash(got: Any, message: str) -> None:
     assert [found.message for found in compared(array(), got)] == [message]
-
-
-def test_a_difference_shows_type_shape_hash_and_first_values() -> None:
-    (found,) = compared(array(first=[1, 2, 3]), array("cd" * 32, first=[1, 2.5, "\x1b[31m"] * 20))
-    assert found.expected == "<i4 (2, 3) sha256 abababababababab... first 1 2 3"
-    assert found.got.startswith("<i4 (2, 3) sha256 cdcdcdcdcdcdcdcd... first 1 2.5 '\\x1b[31m' 1")
-    assert len(found.got) < 200
 
 
 @pytest.mark.parametrize("answered", [None, 5, {}, {"arrays": []}])
@@ -91,10 +79,6 @@ def container(**header: Any) -> Json:
 def test_the_first_field_that_differs_is_named(got: Any, place: str, message: str) -> None:
     (found,) = differences("container", container(x="1", y=["2", "3"]), got, HERE)
     assert (found.array, found.message) == (place, message)
-
-
-def test_equal_fields_agree_and_more_fields_do_no_harm() -> None:
-    assert differences("container", container(x="1"), container(x="1", note="mine"), HERE) == []
 
 
 # ------------------------------------------------------------------------------------------------ activated
@@ -158,12 +142,6 @@ def test_numbers_that_are_none(
     assert (not found) == agrees
 
 
-def test_the_first_value_beyond_the_tolerance_is_shown(tmp_path: Path) -> None:
-    (found,) = activated(tmp_path, [[1.0, 2.0], [3.0, 4.0]], numbers([[1.0, 2.5], [3.0, 5.0]]))
-    assert found.message == "2 of 4 values are beyond the tolerance, first at [0, 1]"
-    assert (found.expected, found.got) == ("2.0 ± 2e-05", "2.5, off by 0.5")
-
-
 @pytest.mark.parametrize(
     ("got", "message"),
     [
@@ -183,10 +161,6 @@ def test_the_first_value_beyond_the_tolerance_is_shown(tmp_path: Path) -> None:
 def test_answers_without_the_right_numbers_are_told_apart(tmp_path: Path, got: Json, message: str) -> None:
     (found,) = activated(tmp_path, [1.0, 2.0], got)
     assert message in found.message
-
-
-def test_empty_arrays_agree(tmp_path: Path) -> None:
-    assert activated(tmp_path, np.zeros((0, 3)), numbers(np.zeros((0, 3)), "<f4")) == []
 
 
 def test_a_damaged_reference_is_the_suites_fault(tmp_path: Path) -> None:
@@ -238,8 +212,3 @@ def test_no_answer_breaks_the_comparison(tmp_path_factory: Any, value: Any, stag
 def test_metadata_is_compared_as_json(a: Any, b: Any, same: bool) -> None:
     """Keys in any order, numbers as binary64."""
     assert (annotation_difference("metadata", a, {"metadata": b}) is None) == same
-
-
-@pytest.mark.parametrize("answered", [None, 5, {}, {"arrays": {}}])
-def test_metadata_must_be_answered(answered: Any) -> None:
-    assert annotation_difference("metadata", None, answered) is not None

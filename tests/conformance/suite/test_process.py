@@ -6,7 +6,7 @@ import threading
 from pathlib import Path
 
 import pytest
-from scarfmt_conformance.process import Limits, OneShot, Stopped, memory_fault, status_text
+from scarfmt_conformance.process import Limits, OneShot, Stopped
 from scarfmt_conformance.protocol import Question
 from scarfmt_conformance.runner import PASSED
 from scarfmt_conformance.session import Session
@@ -23,15 +23,6 @@ from tests.conformance.suite.conftest import (
     score,
     wait_until,
 )
-
-
-def test_a_right_answer_passes(suite: SuiteWriter, ask_by_session: bool) -> None:
-    suite.decoded("valid/right")
-    suite.refused("invalid/right")
-    results = score(suite, ask_by_session)
-    assert [result.outcome for result in results.results] == [PASSED, PASSED]
-    assert results.passed
-    assert results.restarts == 0
 
 
 def test_a_crash_is_told_with_its_signal(suite: SuiteWriter, ask_by_session: bool) -> None:
@@ -97,36 +88,6 @@ def test_memory_that_the_kernel_does_not_refuse_fails_afterwards(suite: SuiteWri
     assert failure.message.endswith("128 MiB are allowed")
 
 
-@pytest.mark.parametrize(("peak", "kind"), [(None, None), (5 * MIB, None), (5 * MIB + 1, "memory")])
-def test_peak_memory_is_judged_where_it_is_known(peak: int | None, kind: str | None) -> None:
-    fault = memory_fault(peak, Limits(memory_bytes=5 * MIB))
-    assert (fault and fault.kind) == kind
-
-
-@pytest.mark.parametrize(
-    ("text", "reason"),
-    [
-        ("no JSON\n", "not one JSON value"),
-        ('{"refused": "bad-table"} {"refused": "bad-table"}\n', "not one JSON value"),
-        ("\xff\xfe\n", "not UTF-8"),
-        ("[" * 100_000 + "\n", "not one JSON value"),
-    ],
-)
-def test_other_output_is_told_apart(suite: SuiteWriter, ask_by_session: bool, text: str, reason: str) -> None:
-    suite.refused("invalid/print", {"misbehave": "print", "text": text})
-    failure = only(score(suite, ask_by_session)).failure
-    assert failure is not None
-    assert failure.kind == "answer"
-    assert reason in failure.message
-
-
-def test_printing_nothing_is_no_answer(suite: SuiteWriter) -> None:
-    suite.refused("invalid/print", {"misbehave": "print", "text": ""})
-    failure = only(score(suite)).failure
-    assert failure is not None
-    assert (failure.kind, failure.message) == ("answer", "printed nothing")
-
-
 def test_a_flood_is_cut_off(suite: SuiteWriter, ask_by_session: bool) -> None:
     suite.decoded("valid/flood", {"misbehave": "print", "text": " " * (3 * MIB)})
     limits = Limits(PATIENCE_SECONDS, output_bytes=2 * MIB)
@@ -165,10 +126,3 @@ def test_giving_up_ends_a_decoder_at_once(suite: SuiteWriter, tmp_path: Path, as
     decoder.close()
     helper.join()
     assert wait_until(lambda: is_gone(int(told.read_text())))
-
-
-@pytest.mark.parametrize(
-    ("status", "text"), [(3, "exit status 3"), (-9, "killed by SIGKILL"), (-63, "killed by signal 63")]
-)
-def test_exit_statuses_have_names(status: int, text: str) -> None:
-    assert status_text(status) == text

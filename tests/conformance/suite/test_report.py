@@ -61,36 +61,6 @@ def test_the_tables_count_by_class_and_stage() -> None:
     assert report.score_text(refused_to_talk()).split() == ["class", "passed", "failed", "skipped", "all", *"000"]
 
 
-def test_a_failure_says_where_what_and_which_rules() -> None:
-    text = report.failure_text(scored().results[1])
-    head, *details = text.splitlines()
-    assert head == "FAILED valid/b, layer 2: stage indices, array a: differs"
-    assert [line.split() for line in details[:3]] == [
-        ["purpose", "a", "<purpose>"],
-        ["expected", "<u2", "(2)"],
-        ["got", "<u2", "(3)"],
-    ]
-    assert "indices b, indices c, indices d, indices e, indices f, indices g and 3 more" in text
-    assert "R-10.5-1 (SPEC.md §10.5), R-11-1 (SPEC.md §11), odd" in text
-    assert "/suite/valid/b/input.scar" in text
-    assert text.endswith("three")
-
-
-def test_a_refusal_shows_both_ids() -> None:
-    failure = Failure("refusal", "refused with another id", 0, (), "bad-table", "bad-trit: why")
-    text = report.failure_text(Result(vector("invalid/a"), outcome=FAILED, failure=failure))
-    assert [line.split(maxsplit=1) for line in text.splitlines()[1:3]] == [
-        ["expected", "bad-table"],
-        ["got", "bad-trit: why"],
-    ]
-
-
-def test_the_summary_is_one_line() -> None:
-    line = report.summary_text(scored())
-    assert line == "mine 1: 1 passed, 1 failed, 1 skipped; 2.2 s; at most 50 MiB; 1 restarts"
-    assert report.skips_text(scored()) == "skipped 1: the anchor profile is not claimed"
-
-
 def test_the_json_report_holds_everything() -> None:
     value = json.loads(json.dumps(report.as_json(scored(), ["mine", "{file}"])))
     assert value["format"] == "scar-conformance-report 1"
@@ -125,9 +95,3 @@ def test_junit_xml_parses_and_counts() -> None:
     assert failure is not None
     assert failure.get("message") == "stage indices, array a: differs"
     assert "<two> & ]]>" in (failure.text or "")
-
-
-def test_junit_xml_fails_a_decoder_that_does_not_talk() -> None:
-    root = ElementTree.fromstring(report.junit(refused_to_talk()))
-    assert (root.get("tests"), root.get("failures")) == ("1", "1")
-    assert root.find(".//testcase[@name='capabilities']/failure") is not None

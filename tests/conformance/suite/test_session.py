@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import threading
 from pathlib import Path
 
@@ -19,7 +18,6 @@ from tests.conformance.suite.conftest import (
     SESSION,
     SuiteWriter,
     is_gone,
-    only,
     score,
     wait_until,
 )
@@ -73,12 +71,6 @@ def test_output_between_questions_answers_none(suite: SuiteWriter, tmp_path: Pat
     assert session.restarts == 1
 
 
-def test_a_death_after_the_last_answer_is_not_lost(suite: SuiteWriter) -> None:
-    """No question follows that could find it."""
-    suite.refused("invalid/twice", {"misbehave": "print", "text": '{"refused": "bad-table"}\n\n'})
-    assert only(score(suite, session=True)).outcome == FAILED
-
-
 def test_a_session_that_reads_nothing_is_stopped(tmp_path: Path) -> None:
     session = Session(["/bin/sh", "-c", "exec sleep 300"], Limits(0.3), threading.Event())
     answer = session.ask(Question(tmp_path / "any", 0, "all")).answer
@@ -96,14 +88,6 @@ def test_closing_waits_for_no_session_that_stays(tmp_path: Path) -> None:
     assert child is not None
     session.close()
     assert is_gone(child.number)
-
-
-def test_the_question_of_a_session_is_one_line_of_json(tmp_path: Path) -> None:
-    line = Question(tmp_path / "new\nline é", 3, "all").line()
-    assert line.count(b"\n") == 1
-    assert json.loads(line) == {"file": str(tmp_path / "new\nline é"), "layers": 3, "stage": "all"}
-    seen = Question(tmp_path / "any", 0, "all", (1e-300, -0.0, 0.1))
-    assert json.loads(seen.line())["camera"] == [1e-300, -0.0, 0.1]
 
 
 def test_two_lines_fail_a_session(suite: SuiteWriter) -> None:

@@ -11,8 +11,8 @@ import pytest
 from reference_decoder.anchors import gaussians
 from reference_decoder.decode import decode
 from reference_encoder.encode import EncodeOptions, encode
-from reference_encoder.measure.anchor_sensitivity import measure_anchors
-from reference_encoder.measure.survey import GIVEN, Survey
+from reference_encoder.importance.anchor_sensitivity import measure_anchors
+from reference_encoder.importance.view_sampling import GIVEN, SurveyViews
 from scarfmt.container.source import BytesSource
 from scarfmt.errors import InvalidInput
 from scarfmt.formats import load
@@ -20,7 +20,7 @@ from scarfmt.render.camera import Camera, look_at
 from scarfmt.render.capture import load_cameras
 from scarfmt.render.metrics import psnr
 from scarfmt.render.rasterise import render
-from scarfmt.render.upright import Upright
+from scarfmt.render.viewpoints import Upright
 from scarfmt.scene.gaussians import AnchorModel, Mlp
 from scarfmt.tools.inspection import inspect
 from scarfmt.tools.validate import validate
@@ -109,7 +109,7 @@ def test_slots_turn_on_over_the_layers_the_most_visible_first() -> None:
     assert 0.1 * ever.sum() < early.sum() < 0.6 * ever.sum()
     source = nearest(model.anchors, first.anchors)
     seen = measure_anchors(
-        model, Survey({GIVEN: cameras}, {GIVEN: 1.0}, 1.0, Upright("-y")), 0, lambda _fraction: None
+        model, SurveyViews({GIVEN: cameras}, {GIVEN: 1.0}, 1.0, Upright("-y")), 0, lambda _fraction: None
     ).shape[source]
     assert np.median(seen[early]) > 3 * np.median(seen[ever & ~early])
 

@@ -78,11 +78,11 @@ def _run(op: Any, args: list[Any], kwargs: dict[str, Any]) -> Any:
         return one
 
     inner = [_mapped(unwrapped, one) for one in args]
-    named = {name: _mapped(unwrapped, one) for name, one in kwargs.items()}
+    list_names = {name: _mapped(unwrapped, one) for name, one in kwargs.items()}
     asked = kwargs.get("device")
     if _there(asked):
-        named["device"] = torch.device("cpu")
-    out = op(*inner, **named)
+        list_names["device"] = torch.device("cpu")
+    out = op(*inner, **list_names)
     stays = not isinstance(args[0], Tensor) if op is _ATEN.copy_.default else asked is not None and not _there(asked)
 
     def placed(one: Any) -> Any:

@@ -5,14 +5,14 @@ from __future__ import annotations
 import numpy as np
 import torch
 
-from reference_encoder.training.anchors import SLOTS, Anchors, Frame, SceneNetworks
-from reference_encoder.training.growth import Statistics
+from reference_encoder.training.anchors import SLOTS, AnchorLattice, Anchors, SceneNetworks
+from reference_encoder.training.densification import AnchorStatistics
 from reference_encoder.training.layers import LayerPlan
 from reference_encoder.training.options import LAST_LAYER
 from reference_encoder.training.quantiser import Quantiser
 from reference_encoder.training.rate import Context
 from reference_encoder.training.state import State
-from reference_encoder.training.vectors import Vectors
+from reference_encoder.training.vq_features import VqFeatures
 from scarfmt.render.camera import Camera
 
 LATENT = 8
@@ -34,17 +34,17 @@ def state(count: int = 40, layers: int = 3, vectors: bool = False, seed: int = 0
     width = 6 if vectors else 6 + LATENT
     quantiser = Quantiser(4, LATENT, 2, 8, seed=seed)
     made = State(
-        frame=Frame(torch.full((3,), -1.0, dtype=torch.float64), 0.01),
+        frame=AnchorLattice(torch.full((3,), -1.0, dtype=torch.float64), 0.01),
         anchors=anchors,
-        networks=SceneNetworks(LATENT, LATENT, True, seed),
+        networks=SceneNetworks(LATENT, seed),
         context=Context(width),
         log_widths=torch.zeros(width),
         log_offset_widths=torch.zeros(3),
-        statistics=Statistics.of(n),
+        statistics=AnchorStatistics.of(n),
         plan=LayerPlan.of(layers, LAST_LAYER),
         generator=generator,
         extent=2.0,
-        vectors=Vectors(quantiser, (1, 1, 2)[:layers]) if vectors else None,
+        vectors=VqFeatures(quantiser, (1, 1, 2)[:layers]) if vectors else None,
     )
     made.start_widths()
     return made

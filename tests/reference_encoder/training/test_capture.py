@@ -15,10 +15,11 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from reference_encoder.training.capture import Capture, load_capture, pixels
+from reference_encoder.training.capture import Capture, draw_points, load_capture, pixels
 from scarfmt.errors import InputWarning, InvalidInput
+from scarfmt.render.camera import in_view
 from tests.reference_encoder.training import captures
-from tests.reference_encoder.training.captures import HEIGHT, PHOTOS, WIDTH
+from tests.reference_encoder.training.captures import HEIGHT, PHOTOS, WIDTH, cameras, scene
 from tests.render.capture import files
 
 FORMATS: dict[str, Callable[[Path], Path]] = {
@@ -230,3 +231,26 @@ def test_options_that_mean_nothing_are_refused(tmp_path: Path, options: dict[str
     with pytest.raises(InvalidInput) as caught:
         load_capture(tmp_path, **options)
     assert (caught.value.refusal, caught.value.field) == ("input-options", field)
+
+
+def test_points_lie_where_a_ring_of_cameras_looks() -> None:
+    found = draw_points(cameras())
+    assert len(found.positions) > 1000
+    seen = np.mean([in_view(found.positions, camera) for camera in cameras()], axis=0)
+    assert seen.min() >= 1 / 3
+    spread = np.abs(found.positions - found.positions.mean(axis=0)).max()
+    np.testing.assert_allclose(found.positions.mean(axis=0), scene().positions.mean(axis=0), atol=0.3 * spread)
+    np.testing.assert_array_equal(found.positions, draw_points(cameras()).positions)
+
+
+def test_cameras_that_look_the_same_way_see_them_too() -> None:
+    """Parallel axes meet nowhere."""
+    row = []
+    for step in range(4):
+        pose = np.eye(4)
+        pose[0, 3] = step
+        row.append(replace(cameras()[0], world_to_camera=pose))
+    found = draw_points(row)
+    assert len(found.positions) > 1000
+    assert np.isfinite(found.positions).all()
+    assert in_view(found.positions, row[0]).any()

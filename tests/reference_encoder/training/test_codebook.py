@@ -41,18 +41,6 @@ def test_fewer_vectors_than_codewords_are_enough() -> None:
     torch.testing.assert_close(book.words[book.nearest(x)], x)
 
 
-def test_a_learning_book_ends_at_the_means_of_what_it_serves() -> None:
-    """From codewords that are a little off."""
-    centres, x = _clusters()
-    book = Codebook(7, 4)
-    with torch.no_grad():
-        book.words[1:] = centres + 1
-    for _ in range(700):
-        book.learn(x, book.nearest(x), _generator())
-    means = torch.stack([x[number::6].mean(0) for number in range(6)])
-    torch.testing.assert_close(book.words[1:].detach(), means, atol=0.01, rtol=0)
-
-
 def test_moving_averages_are_those_of_sums_and_masses() -> None:
     """The codeword that an average of sums over an average of counts would have."""
     x, codes = torch.randn(40, 3, generator=_generator(3)), torch.arange(40) % 4
@@ -67,7 +55,7 @@ def test_moving_averages_are_those_of_sums_and_masses() -> None:
 
 
 def test_stale_codewords_restart_at_vectors_of_the_batch() -> None:
-    """Codewords far from everything: after a while all serve something, and the number of restarts is known."""
+    """Codewords far from everything: after a while all serve something."""
     book = Codebook(16, 3)
     with torch.no_grad():
         book.words[1:] = 1e3
@@ -77,7 +65,6 @@ def test_stale_codewords_restart_at_vectors_of_the_batch() -> None:
         book.learn(x, book.nearest(x), generator)
     assert len(torch.unique(book.nearest(x))) >= 14
     assert float(book.words.norm(dim=1).max()) < 5
-    assert int(book.restarts) >= 14
 
 
 def test_a_price_moves_the_choice() -> None:
@@ -87,5 +74,4 @@ def test_a_price_moves_the_choice() -> None:
     x = torch.tensor([[0.6], [0.9]])
     assert book.nearest(x).tolist() == [1, 1]
     assert book.nearest(x, torch.tensor([0.0, 0.5])).tolist() == [0, 1]
-    assert book.nearest(x, torch.tensor([[0.0, 0.0], [0.0, 2.0]])).tolist() == [1, 0]
     assert len(book.nearest(x[:0])) == 0

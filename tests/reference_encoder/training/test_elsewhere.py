@@ -13,21 +13,15 @@ import torch
 
 import scarfmt
 from reference_encoder.training import run, trainer
-from reference_encoder.training.capture import Capture, load_capture
-from reference_encoder.training.options import PRESETS, TrainOptions
+from reference_encoder.training.capture import Capture
+from reference_encoder.training.options import TrainOptions
+from reference_encoder.training.presets import PRESETS
 from reference_encoder.training.run import train
-from tests.reference_encoder.training import captures
 from tests.reference_encoder.training.compiled_kernels import in_place_of_cuda
 
 OPTIONS = TrainOptions(iterations=16, layers=2, device="cuda")
 OFTEN = {"_GROW_EVERY": 4, "_DECIDE_EVERY": 8, "_LOOK_EVERY": 4, "_REFRESH_EVERY": 8, "_INDEX_EVERY": 2}
 """Iterations between what whole trainings do rarely."""
-
-
-@pytest.fixture(scope="module")
-def capture(tmp_path_factory: pytest.TempPathFactory) -> Capture:
-    """Eight small photos of a few Gaussians."""
-    return load_capture(captures.own(tmp_path_factory.mktemp("capture")), hold_out=4)
 
 
 @pytest.fixture
@@ -57,7 +51,7 @@ def test_the_stand_in_refuses_what_a_gpu_refuses() -> None:
         assert (2 * there + torch.ones(())).cpu().tolist() == [1.0] * 3
 
 
-@pytest.mark.parametrize("preset", PRESETS)
+@pytest.mark.parametrize("preset", list(PRESETS))
 def test_a_whole_training_runs_on_another_device(capture: Capture, elsewhere: torch.device, preset: str) -> None:
     """Nothing of it is made on the processor and used there: growth, masks, codewords, networks, file and measures."""
     counts: list[int] = []

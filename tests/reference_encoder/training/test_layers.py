@@ -1,6 +1,5 @@
 """Layers of training: cells nest, plans are what files can hold."""
 
-
 import pytest
 import torch
 from hypothesis import given

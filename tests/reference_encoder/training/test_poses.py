@@ -22,7 +22,7 @@ from PIL import Image
 
 from reference_encoder.training import poses
 from reference_encoder.training.capture import load_capture, pixels
-from reference_encoder.training.pictures import wrong_capture
+from reference_encoder.training.photo_files import wrong_capture
 from scarfmt.arrays import F64, U8
 from scarfmt.errors import InputWarning, InvalidInput
 from scarfmt.formats import load

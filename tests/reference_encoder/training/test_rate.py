@@ -4,18 +4,21 @@ import math
 
 import pytest
 import torch
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
-from reference_encoder.training.neighbours import columns
 from reference_encoder.training.rate import (
     CLOSED_BITS,
     MASK_BITS,
+    OCCUPANCIES,
     POSITION_BITS,
     Context,
     Priced,
     cell_bits,
-    rate,
+    columns,
+    find_cells,
+    layer_bits,
+    neighbour_means,
 )
 
 
@@ -71,12 +74,14 @@ def _priced(shown: torch.Tensor) -> Priced:
 
 def test_what_is_off_costs_nothing() -> None:
     """Only anchors that are there, and slots that are on, are paid for."""
-    assert float(rate(Context(8), _priced(torch.zeros(4, 10, dtype=torch.bool))).total.detach()) == 0
+    assert float(layer_bits(Context(8), _priced(torch.zeros(4, 10, dtype=torch.bool))).detach()) == 0
     shown = torch.zeros(4, 10, dtype=torch.bool)
     shown[1, 3] = True
-    one = rate(Context(8), _priced(shown))
-    assert float(one.masks) == MASK_BITS
-    assert float(one.positions) == POSITION_BITS + 10 * CLOSED_BITS
+    context, priced = Context(8), _priced(shown)
+    values = context.bits(priced.values, priced.widths)[1].sum()
+    offset = context.offset_bits(priced.offsets, priced.offset_widths)[1, 3].sum()
+    expected = values + offset + POSITION_BITS + 10 * CLOSED_BITS + MASK_BITS
+    assert float(layer_bits(context, priced).detach()) == pytest.approx(float(expected.detach()), rel=1e-5)
 
 
 def test_indices_of_anchors_that_are_there_are_paid_for() -> None:
@@ -84,7 +89,7 @@ def test_indices_of_anchors_that_are_there_are_paid_for() -> None:
     shown = torch.zeros(4, 10, dtype=torch.bool)
     shown[:3] = True
     priced = _priced(shown)
-    more = rate(Context(8), priced, 7.0).total - rate(Context(8), priced).total
+    more = layer_bits(Context(8), priced, 7.0) - layer_bits(Context(8), priced)
     assert float(more.detach()) == pytest.approx(21.0, abs=1e-3)
 
 
@@ -103,6 +108,29 @@ def test_a_context_learns_from_neighbours() -> None:
         optimiser.step()
     with torch.no_grad():
         assert float(context.bits(values, widths, around).mean()) < float(context.bits(values, widths).mean()) - 1
-    blind = Context(6, neighbours=False)
-    blind.start(values, torch.randn(10, 3, generator=generator))
-    assert torch.equal(blind.bits(values, widths, around), blind.bits(values, widths))
+
+
+def test_means_are_of_the_others_in_the_cell() -> None:
+    """An anchor does not see itself: its own value would be the answer. So few anchors are one cell."""
+    lattice = torch.tensor([[0, 0, 0], [1, 0, 0], [0, 1, 0]])
+    values = torch.tensor([[1.0], [2.0], [6.0]])
+    around = neighbour_means(lattice, values)
+    overall = float(values.mean())
+    assert torch.allclose(around[0, :2], torch.tensor([(2.0 + 6.0 + overall) / 3, torch.log1p(torch.tensor(2.0))]))
+    changed = values.clone()
+    changed[0] += 4
+    difference = neighbour_means(lattice, changed)[0, 0] - around[0, 0]
+    assert torch.allclose(difference, torch.tensor(4 / 9))  # by the mean of all, not as its own neighbour
+
+
+@given(st.integers(1, 300), st.integers(0, 100))
+@example(2, 20)  # lies on two sides of 32
+def test_cells_hold_as_many_as_they_shall(count: int, seed: int) -> None:
+    """Cells are the smallest that hold enough on average; the whole scene is one if it has too few."""
+    generator = torch.Generator().manual_seed(seed)
+    lattice = torch.unique(torch.randint(0, 64, (count, 3), generator=generator), dim=0)
+    for occupancy in OCCUPANCIES:
+        counts = torch.bincount(find_cells(lattice, occupancy))
+        assert int(counts.sum()) == len(lattice)
+        assert len(counts) == 1 or len(lattice) >= occupancy * len(counts)
+    assert neighbour_means(lattice, torch.randn(len(lattice), 5)).shape == (len(lattice), columns(5))

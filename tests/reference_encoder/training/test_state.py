@@ -3,8 +3,7 @@
 import torch
 
 from reference_encoder.training.anchors import Anchors
-from reference_encoder.training.curriculum import CURRICULA, moment
-from reference_encoder.training.emit import integers
+from reference_encoder.training.presets import Curriculum, moment
 from tests.reference_encoder.training import small
 
 
@@ -13,13 +12,13 @@ def test_rounded_values_are_the_integers_of_the_file() -> None:
     state = small.state()
     rows = torch.arange(len(state.anchors))
     assert bool((state.missing(rows, 2) == 0).all())
-    (scaling, latent), offsets = integers(state, rows, state.missing(rows, 2))
+    integers, offsets = state.integers(rows, state.missing(rows, 2))
     widths = torch.exp(state.log_widths.detach())
     last = state.priced(rows, 2, True)
-    assert torch.allclose(last.values, torch.cat([torch.tensor(scaling), torch.tensor(latent)], dim=1) * widths)
-    assert torch.allclose(last.offsets, torch.tensor(offsets) * torch.exp(state.log_offset_widths.detach()))
+    assert torch.allclose(last.values, integers * widths)
+    assert torch.allclose(last.offsets, offsets * torch.exp(state.log_offset_widths.detach()))
     first = state.priced(rows, 0, True)
-    assert torch.allclose(first.values[:, :6], torch.round(torch.tensor(scaling) / 3) * 3 * widths[:6])
+    assert torch.allclose(first.values[:, :6], torch.round(integers[:, :6] / 3) * 3 * widths[:6])
 
 
 def test_anchors_of_the_last_layer_alone_have_cells_three_times_as_wide() -> None:
@@ -29,9 +28,9 @@ def test_anchors_of_the_last_layer_alone_have_cells_three_times_as_wide() -> Non
     rows = torch.arange(len(state.anchors))
     widths = torch.exp(state.log_widths.detach())
     cells = widths * torch.where(rows % 2 == 0, 1.0, 3.0)[:, None]
-    (scaling, latent), _ = integers(state, rows, state.missing(rows, 2))
+    integers, _ = state.integers(rows, state.missing(rows, 2))
     last = state.priced(rows, 2, True)
-    assert torch.allclose(last.values, torch.cat([torch.tensor(scaling), torch.tensor(latent)], dim=1) * cells)
+    assert torch.allclose(last.values, integers * cells)
     assert torch.equal(last.widths.detach(), cells)
     exact = torch.cat([state.anchors.scaling, state.anchors.latent], dim=1)
     off = (state.priced(rows, 2, False).values - exact).abs()
@@ -54,11 +53,11 @@ def test_anchors_come_and_go_without_moving_others() -> None:
     """Rows kept stay as they are, in all that is learnt and remembered of them."""
     state = small.state()
     rows = torch.tensor([5, 2, 9])
-    before = state.anchors.taken(rows)
+    before = state.anchors.select(rows)
     fresh = Anchors.fresh(torch.zeros(2, 3).long(), torch.zeros(2), torch.zeros(2, small.LATENT))
     state.rearrange(rows, fresh)
     assert len(state.anchors) == 5
-    after = state.anchors.taken(torch.arange(3))
+    after = state.anchors.select(torch.arange(3))
     assert all(torch.equal(getattr(before, name), getattr(after, name)) for name in vars(before))
     assert len(state.statistics.seen) == 5
 
@@ -71,7 +70,7 @@ def test_a_checkpoint_brings_everything_back() -> None:
     other.resume(kept)
     state.generator.set_state(generator)
     rows = torch.arange(len(state.anchors))
-    now = moment(CURRICULA["default"], 0.4)
+    now = moment(Curriculum(), 0.4)
     mine, theirs = state.of_layer(rows, 1, now), other.of_layer(rows, 1, now)
     assert torch.equal(mine.features, theirs.features)
     assert torch.equal(mine.shown, theirs.shown)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import struct
 from collections.abc import Iterable
 from pathlib import Path
@@ -196,11 +195,3 @@ def test_what_is_no_camera_file_is_told_what_is(tmp_path: Path) -> None:
     assert "no cameras in this folder" in refused(tmp_path / "empty")
     (tmp_path / "cameras.bin").write_bytes(b"")
     assert "needed both" in refused(tmp_path / "cameras.bin")
-
-
-def test_a_bare_sentence_names_the_frame_of_a_fault(tmp_path: Path) -> None:
-    document = files.transforms([CAMERA, CAMERA])
-    document["frames"][1]["transform_matrix"][3] = [1, 0, 0, 1]
-    said = refused(files.in_json(document, tmp_path / "t.json"))
-    assert said.endswith("is the matrix transposed? (frames[1].transform_matrix)")
-    assert json.loads((tmp_path / "t.json").read_text())

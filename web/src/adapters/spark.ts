@@ -45,6 +45,17 @@ const CLAMPED_SLOPE = `
         vec2 farthest = ${FRUSTUM_MARGIN} / vec2(projectionMatrix[0][0], projectionMatrix[1][1]);
         vec2 J2 = -J1 * clamp(viewCenter.xy * invZ, -farthest, farthest);`;
 
+/** Of `header.render_model`: Gaussians were trained to be made fainter where they are widened (Mip-Splatting). */
+const ANTIALIASED = 1;
+
+/** Makes Spark draw as scenes of a `header.render_model` were trained: all meshes of a `SparkRenderer` are drawn alike. */
+export function drawModel(spark: SparkRenderer, renderModel: number): void {
+  const blur = INRIA_LOOK.preBlurAmount;
+  // Spark's second blur takes opacity in return for area, its first does not.
+  spark.preBlurAmount = renderModel === ANTIALIASED ? 0 : blur;
+  spark.blurAmount = renderModel === ANTIALIASED ? blur : 0;
+}
+
 /** Spark, drawing what scenes were trained to look like; to be added to the scene that is rendered. */
 export function makeSpark(renderer: THREE.WebGLRenderer): SparkRenderer {
   const spark = new SparkRenderer({ renderer, ...INRIA_LOOK });
@@ -158,18 +169,15 @@ export class ScarSplats implements SplatSource {
     this.harmonics = texture(renderer, shDegree * total);
   }
 
-  /**
-   * Takes a tile; `upload` brings it to the GPU. Throws RangeError where it has no room: its stream has larger budgets.
-   * @param key tells it from tiles of other files that are drawn with it
-   */
-  put(words: PackedTile, key: number = words.tile): void {
-    this.pending.set(key, { spans: this.places.take(key, words.count), words, done: 0 });
+  /** Takes a tile; `upload` brings it to the GPU. Throws RangeError where it has no room: its stream has larger budgets. */
+  put(words: PackedTile): void {
+    this.pending.set(words.tile, { spans: this.places.take(words.tile, words.count), words, done: 0 });
   }
 
   /** Makes a tile draw nothing: what a budget evicts. */
-  clear(key: number): void {
-    this.pending.delete(key);
-    for (const { first, count } of this.places.give(key)) {
+  clear(tile: number): void {
+    this.pending.delete(tile);
+    for (const { first, count } of this.places.give(tile)) {
       write(this.renderer, this.geometry, GEOMETRY_TEXELS * first, new Uint32Array(8 * count));
     }
   }
@@ -178,11 +186,11 @@ export class ScarSplats implements SplatSource {
   upload(bytes: number = UPLOAD_BYTES): boolean {
     let left = bytes;
     const each = 16 * (GEOMETRY_TEXELS + this.shDegree);
-    for (const [key, part] of this.pending) {
+    for (const [tile, part] of this.pending) {
       if (left < each && left < bytes) break;
       left -= each * this.writePart(part, Math.max(1, Math.floor(left / each)));
       if (part.done < part.words.count) continue;
-      this.pending.delete(key);
+      this.pending.delete(tile);
       this.onWritten(part.words);
     }
     return left < bytes;
@@ -298,8 +306,8 @@ export class ScarMesh {
   }
 
   /** Takes away what was put for a tile. */
-  remove(key: number): void {
-    this.source.clear(key);
+  remove(tile: number): void {
+    this.source.clear(tile);
     this.stale = true;
   }
 

@@ -1,9 +1,8 @@
 /** Ways to a decoder: a worker of a browser, or the calling thread. */
 
-import { loadDecoder } from "./load.js";
 import { answer, type Beginning, type Reply, type Request } from "./protocol.js";
 import { sharedModule } from "./shared_module.js";
-import type { MakeDecoder } from "./types.js";
+import { WasmDecoder } from "./wasm.js";
 
 export interface Channel {
   post(request: Request, transfer: ArrayBuffer[]): void;
@@ -12,54 +11,71 @@ export interface Channel {
 
 export interface ChannelEvents {
   onReply(reply: Reply): void;
-  /** The worker cannot be loaded, or died. */
+  /** The decoder cannot be loaded, or its worker died. */
   onFailure(message: string): void;
 }
 
 export type MakeChannel = (events: ChannelEvents) => Channel;
 
+interface Started {
+  worker: Worker;
+  /** Rejects where the module cannot be loaded. */
+  begun: Promise<void>;
+}
+
 /** Workers that have begun to load, for streams to come. */
-const spare: Worker[] = [];
+const spare: Started[] = [];
 
 /** Starts workers, so that the next stream need not wait for them. */
 export function prepareWorkers(count: number): void {
   while (spare.length < count) {
-    const worker = startWorker();
-    // Who takes it would never learn of what happened before.
-    worker.onerror = () => spare.splice(spare.indexOf(worker), 1);
-    spare.push(worker);
+    const started = startWorker();
+    const drop = () => {
+      const at = spare.indexOf(started);
+      if (at >= 0) spare.splice(at, 1);
+    };
+    // A stream that takes it later would not learn of an earlier failure.
+    started.worker.onerror = drop;
+    started.begun.catch(drop);
+    spare.push(started);
   }
 }
 
-function startWorker(): Worker {
+function startWorker(): Started {
   const worker = new Worker(new URL("./worker.js", import.meta.url), { type: "module" });
-  void sharedModule().then((module) => worker.postMessage({ module } satisfies Beginning));
-  return worker;
+  const begun = sharedModule().then((module) => worker.postMessage({ module } satisfies Beginning));
+  return { worker, begun };
 }
 
-/** A decoder in a module worker, whose script lies beside this one. It may be asked at once, and answers when it is there. */
+/** A decoder in a module worker, whose script lies beside this one. It takes requests before it is loaded. */
 export function workerChannel({ onReply, onFailure }: ChannelEvents): Channel {
-  const worker = spare.pop() ?? startWorker();
+  const { worker, begun } = spare.pop() ?? startWorker();
   worker.onmessage = ({ data }: MessageEvent<Reply>) => onReply(data);
   worker.onerror = (event) => onFailure(event.message || "the worker could not be loaded");
   worker.onmessageerror = () => onFailure("a message of the worker could not be read");
+  begun.catch((error: Error) => onFailure(error.message));
   return {
     post: (request, transfer) => worker.postMessage(request, transfer),
     close: () => worker.terminate(),
   };
 }
 
+async function loadDecoder(): Promise<WasmDecoder> {
+  return new WasmDecoder(await sharedModule());
+}
+
 /** A decoder on the calling thread: where there are no workers, and for tests. */
-export function inlineChannel(make: MakeDecoder = loadDecoder): MakeChannel {
-  return ({ onReply }) => {
+export function inlineChannel(make: () => Promise<WasmDecoder> = loadDecoder): MakeChannel {
+  return ({ onReply, onFailure }) => {
     let closed = false;
     const decoder = make();
+    decoder.catch((error: Error) => closed || onFailure(error.message));
     const work = async (request: Request) => {
-      const { reply } = await answer(decoder, request);
+      const { reply } = answer(await decoder, request);
       if (!closed) onReply(reply);
     };
     return {
-      post: (request) => void work(request),
+      post: (request) => void work(request).catch(() => undefined),
       close: () => {
         closed = true;
       },

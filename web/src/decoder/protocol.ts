@@ -1,9 +1,10 @@
 /** Messages between a stream and its decoders, which run in workers. Each request has one reply, in order. */
 
-import type { Block, Cube, Engine, PackedTile, PackTarget, Point, TileBlock, TileDecoder, TileValues } from "./types.js";
+import type { Block, Cube, PackedTile, Point, TileBlock, TileValues } from "./types.js";
+import type { WasmDecoder } from "./wasm.js";
 
-/** "values", or a viewer's words. */
-export type Output = "values" | PackTarget;
+/** Plain arrays, or words of textures (pack/words.ts). */
+export type Output = "values" | "words";
 
 export type TileOutput = TileValues | PackedTile;
 
@@ -24,9 +25,9 @@ export type Task =
 
 export type Request = Task & { id: number };
 
-/** What a worker gets beside requests, once: the module it decodes with, null where JavaScript has to do. */
+/** What a worker gets beside requests, once. */
 export interface Beginning {
-  module: WebAssembly.Module | null;
+  module: WebAssembly.Module;
 }
 
 export interface Failure {
@@ -40,8 +41,6 @@ export interface Failure {
 
 export interface Reply {
   id: number;
-  /** What decodes; null where none could be loaded. */
-  engine: Engine | null;
   /** Bytes that the decoder holds now. */
   memory: number;
   /** Time the task took, milliseconds. */
@@ -56,24 +55,8 @@ export interface Answer {
   transfer: ArrayBuffer[];
 }
 
-/** Does one request, once the decoder is there; a decoder that cannot be loaded is a failure of each request. */
-export async function answer(decoder: Promise<TileDecoder>, request: Request): Promise<Answer> {
-  let loaded: TileDecoder;
-  try {
-    loaded = await decoder;
-  } catch (error) {
-    const failure = {
-      message: `the decoder could not be loaded: ${String(error)}`,
-      id: "worker",
-      offset: null,
-      layer: null,
-    };
-    return { reply: { id: request.id, engine: null, memory: 0, took: 0, result: null, failure }, transfer: [] };
-  }
-  return perform(loaded, request);
-}
-
-function perform(decoder: TileDecoder, request: Request): Answer {
+/** Does one request. */
+export function answer(decoder: WasmDecoder, request: Request): Answer {
   const started = performance.now();
   let result: TileOutput | null = null;
   let failure: Failure | null = null;
@@ -84,11 +67,11 @@ function perform(decoder: TileDecoder, request: Request): Answer {
     failure = { message: message ?? String(error), id: id ?? null, offset: offset ?? null, layer: layer ?? null };
   }
   const took = performance.now() - started;
-  const reply = { id: request.id, engine: decoder.engine, memory: decoder.memory(), took, result, failure };
+  const reply = { id: request.id, memory: decoder.memory(), took, result, failure };
   return { reply, transfer: result === null ? [] : buffersOf(result) };
 }
 
-function run(decoder: TileDecoder, task: Task): TileOutput | null {
+function run(decoder: WasmDecoder, task: Task): TileOutput | null {
   switch (task.kind) {
     case "open":
       decoder.open(task.front);
@@ -102,14 +85,14 @@ function run(decoder: TileDecoder, task: Task): TileOutput | null {
     case "tile": {
       const { tile, cube, layers, output, eye, last } = task;
       for (const block of layers) advance(decoder, tile, cube, block);
-      const result = output === "values" ? decoder.values(tile, eye) : decoder.packed(tile, output, eye);
+      const result = output === "values" ? decoder.values(tile, eye) : decoder.packed(tile, eye);
       if (last) decoder.release(tile);
       return result;
     }
   }
 }
 
-function advance(decoder: TileDecoder, tile: number, cube: Cube, block: TileBlock): void {
+function advance(decoder: WasmDecoder, tile: number, cube: Cube, block: TileBlock): void {
   try {
     decoder.advance(tile, cube, block);
   } catch (error) {

@@ -2,13 +2,20 @@
 
 /** Lies beside the scripts, whichever of them this is built into. */
 const BESIDE = () => new URL("./scar.wasm", import.meta.url);
+/** A module of one function that uses a vector. */
+const WITH_SIMD = Uint8Array.from([
+  ...[0, 97, 115, 109, 1, 0, 0, 0, 1, 5, 1, 96, 0, 1, 123, 3, 2, 1, 0, 10, 10, 1, 8, 0, 65, 0, 253, 15, 253, 98, 11],
+]);
 
 /**
  * The module, compiled while it is read where the server says what it is.
- * @param from where scar.wasm lies: beside this script if nothing else is said
- * @throws where it cannot be fetched, or the browser knows no SIMD
+ * @param from where scar.wasm lies: beside this script unless given
+ * @throws Error where it cannot be fetched, or the browser lacks WebAssembly with SIMD
  */
 export async function loadModule(from: string | URL = BESIDE()): Promise<WebAssembly.Module> {
+  if (typeof WebAssembly === "undefined" || !WebAssembly.validate(WITH_SIMD)) {
+    throw new Error("this browser has no WebAssembly with SIMD, which decoding needs: Chrome 91, Firefox 89 and Safari 16.4 have it");
+  }
   const response = await fetch(from);
   if (!response.ok) throw new Error(`${from}: status ${response.status}`);
   // Browsers refuse to compile from a body of another type.
@@ -16,10 +23,13 @@ export async function loadModule(from: string | URL = BESIDE()): Promise<WebAsse
   return streams ? WebAssembly.compileStreaming(response) : WebAssembly.compile(await response.arrayBuffer());
 }
 
-let shared: Promise<WebAssembly.Module | null> | null = null;
+let shared: Promise<WebAssembly.Module> | null = null;
 
-/** The module for all decoders of this page; null where it is not to be had, and then the next who asks tries again. */
-export function sharedModule(): Promise<WebAssembly.Module | null> {
-  shared ??= loadModule().catch(() => (shared = null));
+/** The module for all decoders of this page; where loading failed, the next caller tries again. */
+export function sharedModule(): Promise<WebAssembly.Module> {
+  shared ??= loadModule().catch((error: unknown) => {
+    shared = null;
+    throw error;
+  });
   return shared;
 }

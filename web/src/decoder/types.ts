@@ -1,4 +1,4 @@
-/** What every decoder of tiles does, whether in JavaScript or WebAssembly. One instance serves one file. */
+/** What decoders take and give. */
 
 /** A block that belongs to no tile; `body` is its bytes in the file, whose CRC the caller has checked. */
 export interface Block {
@@ -14,12 +14,10 @@ export interface Cube {
   prefix: bigint;
 }
 
-/** What a row page says of a tile in a layer, with the block that it tells of, whose CRC the caller has checked. */
+/** The TILE block of a tile in a layer, whose CRC the caller has checked. */
 export interface TileBlock {
   /** Layer, from 1. */
   layer: number;
-  /** Of the block in the file. */
-  offset: number;
   /** Anchors that appear. */
   count: number;
   /** Empty where the tile has no block, which refines it by empty sub-streams (R-7.1-6): pass it all the same. */
@@ -52,10 +50,7 @@ export interface TileValues {
   shDegree: number;
 }
 
-/** Words of textures, as our adapters draw from them (pack/words.ts). */
-export type PackTarget = "words";
-
-/** One tile in words; indices are those of `TileValues`. */
+/** One tile in words of textures, as our adapters draw from them (pack/words.ts); indices are those of `TileValues`. */
 export interface PackedTile {
   tile: number;
   layer: number;
@@ -69,48 +64,3 @@ export interface PackedTile {
 
 /** A point in world coordinates. */
 export type Point = [number, number, number];
-
-/**
- * What is wrong with a file is thrown as an Error with `id` (a refusal of SPEC §12.1, such as "crc-mismatch") and
- * `offset` (byte of the file, or null). A tile that threw is forgotten, as after `release`; others are not touched.
- * Calls out of order (a layer skipped, a tile that is not there) throw RangeError.
- */
-export interface Refusal extends Error {
-  id: string;
-  offset: number | null;
-}
-
-/** What decodes. */
-export type Engine = "wasm" | "js";
-
-export interface TileDecoder {
-  readonly engine: Engine;
-  /**
-   * Reads header and ROOT, checked by §5.
-   * @param front the first bytes of the file, up to the end of ROOT or beyond
-   */
-  open(front: Uint8Array): void;
-  /**
-   * Takes every block of a layer that belongs to no tile, in the order of the file; once a layer, layer by layer.
-   * A decoder ignores kinds that it does not know.
-   */
-  addModels(layer: number, blocks: Block[]): void;
-  /**
-   * Takes a tile from block.layer - 1 to block.layer; its integers are kept. The models of the layer must be there.
-   * @param cube of the tile: the same in every call
-   */
-  advance(tile: number, cube: Cube, block: TileBlock): void;
-  /**
-   * Values of a tile, in fresh arrays that may be transferred.
-   * @param eye camera centre, which only the anchor profile looks at; the origin of the header without it
-   */
-  values(tile: number, eye?: Point): TileValues;
-  /** The same in words. */
-  packed(tile: number, target: PackTarget, eye?: Point): PackedTile;
-  /** Forgets the integers of a tile. It may be advanced again from layer 1. */
-  release(tile: number): void;
-  /** Bytes held for tiles and models. */
-  memory(): number;
-}
-
-export type MakeDecoder = () => Promise<TileDecoder>;

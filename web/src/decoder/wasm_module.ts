@@ -1,15 +1,15 @@
 /** One instance of the WebAssembly module: its functions, its memory, and refusals from traps. */
 
-import { Refused } from "../../../conformance/decoders/js/errors.js";
+import { Refused } from "../format/errors.js";
 
 /** Where something lies in the module's memory; 0 is nowhere. */
 export type Address = number;
 
-/** What the files of web/wasm export. */
+/** What scarfmt/native exports. */
 export interface WasmFunctions {
   memory: WebAssembly.Memory;
   __stack_pointer: WebAssembly.Global<"i32">;
-  scar_refusal(): Address;
+  scar_refusal(scar: Address): Address;
   scar_take(bytes: number): Address;
   scar_give(at: Address): void;
   scar_memory(): number;
@@ -23,29 +23,37 @@ export interface WasmFunctions {
     y: number,
     z: number,
     voxel: number,
-  ): void;
-  scar_block(layer: number, kind: number, at: Address, length: number): void;
-  scar_models(from: number, to: number): void;
-  scar_tile(depth: number, shift: number, prefixLow: number, prefixHigh: number): Address;
-  scar_advance(tile: Address, at: Address, length: number, appear: number): Address;
-  scar_abandon(): Address;
+  ): Address;
+  scar_close(scar: Address): void;
+  scar_block(scar: Address, layer: number, kind: number, at: Address, length: number): number;
+  scar_models(scar: Address, from: number, to: number): number;
+  scar_tile(scar: Address, depth: number, shift: number, prefixLow: number, prefixHigh: number): Address;
+  scar_advance(
+    scar: Address,
+    tile: Address,
+    at: Address,
+    length: number,
+    appear: number,
+    streams: number,
+  ): Address;
   scar_release(tile: Address): void;
-  scar_gaussians(tile: Address, x: number, y: number, z: number, drawn: number): Address;
-  scar_words(tile: Address, x: number, y: number, z: number): Address;
+  scar_gaussians(scar: Address, tile: Address, x: number, y: number, z: number, drawn: number): Address;
+  scar_words(scar: Address, tile: Address, x: number, y: number, z: number): Address;
   scar_tile_count(tile: Address): number;
   scar_tile_layer(tile: Address): number;
-  scar_tile_array(tile: Address, what: number, channel: number): Address;
-  scar_exact(tile: Address, what: number, channel: number): Address;
-  scar_model_number(what: number, which: number): number;
-  scar_model_words(book: number): Address;
-  scar_model_bits(level: number): Address;
+  scar_values(scar: Address, tile: Address, what: number, channel: number): Address;
+  scar_model_number(scar: Address, what: number, which: number): number;
+  scar_model_words(scar: Address, book: number): Address;
+  scar_model_bits(scar: Address, level: number): Address;
 }
 
 export class WasmModule {
   readonly #functions: WasmFunctions;
   readonly #stack: number;
+  /** The open file, what scar_open gave; 0 before. */
+  scar: Address = 0;
 
-  /** @param module of web/wasm, which imports nothing */
+  /** @param module of scarfmt/native, which imports nothing */
   constructor(module: WebAssembly.Module) {
     this.#functions = new WebAssembly.Instance(module).exports as unknown as WasmFunctions;
     this.#stack = this.#functions.__stack_pointer.value;
@@ -61,7 +69,7 @@ export class WasmModule {
     } catch (error) {
       if (!(error instanceof WebAssembly.RuntimeError)) throw error;
       this.#functions.__stack_pointer.value = this.#stack;
-      const id = this.#text(this.#functions.scar_refusal());
+      const id = this.#text(this.#functions.scar_refusal(0));
       throw id === "" ? error : new Refused(id, `refused by the decoder: ${id}`);
     }
   }

@@ -1,19 +1,19 @@
 /** A decoder in a module worker. */
 
-import { loadDecoder } from "./load.js";
 import { answer, type Beginning, type Request } from "./protocol.js";
+import { WasmDecoder } from "./wasm.js";
 
-const scope = self as unknown as DedicatedWorkerGlobalScope;
-let begin: (module: WebAssembly.Module | null) => void;
-const decoder = loadDecoder(new Promise((resolve) => (begin = resolve)));
-
-scope.onmessage = async ({ data }: MessageEvent<Beginning | Request>) => {
-  if ("module" in data) return begin(data.module);
-  const { reply, transfer } = await answer(decoder, data);
-  scope.postMessage(reply, transfer);
-};
-
-interface DedicatedWorkerGlobalScope {
+interface WorkerScope {
   onmessage: ((event: MessageEvent<Beginning | Request>) => void) | null;
   postMessage(message: unknown, transfer: Transferable[]): void;
 }
+
+const scope = self as unknown as WorkerScope;
+let begin: (module: WebAssembly.Module) => void;
+const decoder = new Promise<WebAssembly.Module>((resolve) => (begin = resolve)).then((module) => new WasmDecoder(module));
+
+scope.onmessage = async ({ data }) => {
+  if ("module" in data) return begin(data.module);
+  const { reply, transfer } = answer(await decoder, data);
+  scope.postMessage(reply, transfer);
+};

@@ -1,7 +1,7 @@
 /** Places of Gaussians in textures: tiles take runs of them, and give them back, so that what fits a budget has room. */
 
 import type { Budgets } from "../plan/types.js";
-import type { Front } from "../stream/directory.js";
+import type { Front } from "../format/directory.js";
 import { GEOMETRY_TEXELS } from "./words.js";
 
 /** Places that are taken together: a tile takes as few runs as hold it. */

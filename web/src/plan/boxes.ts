@@ -1,12 +1,10 @@
-/** Where tiles are, and how large they look. Twin of scarfmt/streaming/boxes.py: the same numbers, to the last bit. */
+/** Where tiles are, and how large they look. */
 
-import type { Streaming } from "../../../conformance/decoders/js/streaming.js";
-import type { Point } from "../decoder/types.js";
+import type { Streaming } from "../format/streaming.js";
 
 /** The solid angle of everything. */
-const ALL_ROUND = 12.566370614359172;
-const ROOTS = [1, 1.189207115002721, 1.4142135623730951, 1.681792830507429];
-/** Steps of a gain in an octave (SPEC §7.13). */
+const ALL_ROUND = 4 * Math.PI;
+/** Steps of a reach in an octave (SPEC §7.13). */
 const STEPS = 4;
 /** The reach that is as long as the side of its tile (SPEC §7.13). */
 const REACH_OF_SIDE = 128;
@@ -21,17 +19,6 @@ export interface Boxes {
   half: Float64Array;
 }
 
-/** 2^(k / 4) for k = first, first + 1, ...: each is the one four before it, doubled. `first` is a multiple of 4. */
-export function octaves(first: number, steps: number): Float64Array {
-  let start = 1;
-  for (let i = 0; i < Math.abs(first) / STEPS; i++) start = first > 0 ? start * 2 : start / 2;
-  const out = new Float64Array(steps);
-  for (let k = 0; k < steps; k++) out[k] = k >= STEPS ? out[k - STEPS] * 2 : start * ROOTS[k];
-  return out;
-}
-
-const REACHES = octaves(-REACH_OF_SIDE, 256);
-
 /**
  * What a file says of where the content of its tiles shows; the cubes where it says nothing.
  * @param cubes (n, 6) lowest and highest corners
@@ -42,7 +29,7 @@ export function tightBoxes(cubes: Float64Array, streaming: Streaming | null): Bo
   for (let tile = 0; tile < tiles; tile++) {
     const level = streaming === null ? 0 : streaming.reach[tile];
     const side = cubes[6 * tile + 3] - cubes[6 * tile];
-    const out = level > 0 ? SHOWN_OF_REACH * (side * REACHES[level]) : 0;
+    const out = level > 0 ? SHOWN_OF_REACH * (side * 2 ** ((level - REACH_OF_SIDE) / STEPS)) : 0;
     for (let axis = 0; axis < 3; axis++) {
       let low = cubes[6 * tile + axis];
       let high = cubes[6 * tile + 3 + axis];
@@ -72,13 +59,9 @@ export function coverage({ middle, half }: Boxes, eye: ArrayLike<number>): Float
     const sides = x * half[at + 1] * half[at + 2] + y * half[at] * half[at + 2];
     const area = 4 * (sides + z * half[at] * half[at + 1]);
     const inside = x <= half[at] && y <= half[at + 1] && z <= half[at + 2];
-    const near = inside || area >= ALL_ROUND * squared * distance;
+    // Worlds as large as numbers go make infinities, and no number of two of them: such boxes count as near.
+    const near = inside || !(area < ALL_ROUND * squared * distance);
     out[tile] = near ? ALL_ROUND : area / (squared * distance);
   }
   return out;
-}
-
-/** a - b */
-export function difference(a: ArrayLike<number>, b: ArrayLike<number>): Point {
-  return [a[0] - b[0], a[1] - b[1], a[2] - b[2]];
 }

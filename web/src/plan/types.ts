@@ -1,5 +1,7 @@
 /** What a planner is asked: which tile to refine next, for a camera. */
 
+import type { Streaming } from "../format/streaming.js";
+
 /** A camera in world coordinates. */
 export interface Camera {
   position: [number, number, number];
@@ -23,8 +25,8 @@ export interface Step {
   layer: number;
 }
 
-/** What the front of a file says, in the terms of a planner. Rows of tiles and layers lie tile by tile. */
-export interface SceneIndex {
+/** What a file says of its tiles before any data. Rows of tiles and layers lie tile by tile. */
+export interface FileIndex {
   tiles: number;
   layers: number;
   /** Gaussians that an anchor stands for at most; 1 in the explicit profile. */
@@ -35,13 +37,13 @@ export interface SceneIndex {
   bytes: Float64Array;
   /** (tiles, layers): anchors that first appear. */
   counts: Uint32Array;
-  /** (layers): bytes of the blocks that a layer needs besides its tiles. */
-  modelBytes: Float64Array;
+  /** The block STREAMING; null before it has come, or where there is none. */
+  streaming: Streaming | null;
 }
 
 /** What may be kept at once. */
 export interface Budgets {
-  /** Gaussians shown. */
+  /** Gaussians. */
   splats: number;
   /** Bytes of memory: what was delivered and is still shown, the state of decoders, data under way. */
   bytes: number;
@@ -49,19 +51,10 @@ export interface Budgets {
 
 /** Decides the order. It has no state: the same question has the same answer. */
 export interface Planner {
-  /** Kind of a block without tile that `plan` wants to see, if the file has one. */
-  readonly annotation?: number;
   /**
-   * @param annotation bytes of that block, null until they have arrived or where there is none
    * @param camera null before the first view is set
    * @param have (tiles) layers that each tile has
    * @returns steps in the order to fetch; those of one tile by layer. Steps left out are not fetched
    */
-  plan(
-    index: SceneIndex,
-    annotation: Uint8Array | null,
-    camera: Camera | null,
-    have: Uint8Array,
-    budgets: Budgets,
-  ): Step[];
+  plan(index: FileIndex, camera: Camera | null, have: Uint8Array): Step[];
 }

@@ -1,4 +1,4 @@
-/** The view that is planned for. Twin of scarfmt/streaming/view.py: the same answers. */
+/** The view that is planned for. */
 
 import type { Point } from "../decoder/types.js";
 import type { Boxes } from "./boxes.js";
@@ -13,22 +13,12 @@ const GRID = [-0.75, -0.25, 0.25, 0.75];
 const PLACES = GRID.flatMap((a) => GRID.flatMap((b) => GRID.map((c): Point => [a, b, c])));
 /** Of a distance, more than its rounding. */
 const NEARLY = 1e-9;
-/** Of the continued fraction of the tangent. */
-const TERMS = 25;
 
 /** Where the eye will be. */
 export function soon({ position, velocity }: Camera): Point {
   if (velocity === undefined) return position;
   const at = (axis: number) => position[axis] + AHEAD_SECONDS * velocity[axis];
   return [at(0), at(1), at(2)];
-}
-
-/** The tangent of an angle of 0 to below a right angle, by divisions alone: libraries round it differently. */
-export function tangent(angle: number): number {
-  const squared = angle * angle;
-  let below = 2 * TERMS + 1;
-  for (let term = TERMS; term > 0; term--) below = 2 * term - 1 - squared / below;
-  return angle / below;
 }
 
 /**
@@ -39,7 +29,7 @@ export function shareInPicture({ middle, half }: Boxes, camera: Camera): Float64
   const forward = unit(camera.forward);
   const right = unit(cross(forward, camera.up));
   const up = cross(right, forward);
-  const tall = MARGIN * tangent(camera.fovY / 2);
+  const tall = MARGIN * Math.tan(camera.fovY / 2);
   const wide = tall * (camera.width / camera.height);
   const eye = soon(camera);
   const picture = { forward, right, up, wide, tall };

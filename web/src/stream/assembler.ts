@@ -1,7 +1,7 @@
 /** Whole pages and blocks out of bytes that pass. */
 
-import { crc32 } from "../../../conformance/decoders/js/crc32.js";
-import type { Entries } from "./directory.js";
+import { crc32 } from "../format/crc32.js";
+import type { Entries } from "../format/directory.js";
 
 /** The first bytes of a block whose others have not come. */
 export interface Partial {

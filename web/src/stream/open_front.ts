@@ -1,9 +1,8 @@
 /** Reading the front of a file with as few requests as it takes: one, unless the directory is large. */
 
-import { directoryEnd } from "../../../conformance/decoders/js/header.js";
-import type { Directory } from "./directory.js";
+import { type Directory, frontLength, openPages, parseFront } from "../format/directory.js";
+import { directoryEnd, MOST_HEADER } from "../format/header.js";
 import { StreamError } from "./errors.js";
-import { frontLength, MOST_HEADER, openPages, parseFront } from "./front.js";
 import type { Body, ByteSource } from "./source.js";
 
 /** How a front is read, bytes. */

@@ -2,7 +2,7 @@
 
 import type { Channel, MakeChannel } from "../decoder/channel.js";
 import type { Failure, Output, Reply, Request, Task, TileOutput } from "../decoder/protocol.js";
-import type { Block, Cube, Engine, Point, TileBlock } from "../decoder/types.js";
+import type { Block, Cube, Point, TileBlock } from "../decoder/types.js";
 import { StreamError } from "./errors.js";
 
 interface Lane {
@@ -35,8 +35,6 @@ export class Pool {
   readonly #lanes: Lane[];
   readonly #laneOf = new Map<number, Lane>();
   #ids = 0;
-  /** What decodes; null before the first reply. */
-  engine: Engine | null = null;
 
   /**
    * @param ahead tiles that a decoder may be given at once: with two it has the next one while the answer to the last
@@ -54,7 +52,6 @@ export class Pool {
       lane.channel = make({
         onReply: (reply) => {
           lane.memory = reply.memory;
-          this.engine = reply.engine ?? this.engine;
           const answer = lane.waiting.get(reply.id);
           lane.waiting.delete(reply.id);
           answer?.(reply);

@@ -1,8 +1,9 @@
 /** The loop of a stream: plan, fetch, decode, deliver, and let go of what no longer fits. */
 
-import { BLOCK, PROFILE } from "../../../conformance/decoders/js/constants.js";
 import { buffersOf, type Failure, type Output, type TileOutput } from "../decoder/protocol.js";
 import type { Block } from "../decoder/types.js";
+import { BLOCK, PROFILE } from "../format/registry.js";
+import { parseStreaming } from "../format/streaming.js";
 import type { Budgets, Camera, Planner, Step } from "../plan/types.js";
 import type { RetryOptions } from "./backoff.js";
 import { evictionOrder, goals } from "./budget.js";
@@ -35,6 +36,8 @@ export interface RefinerParts {
 export interface RefinerEvents {
   onTile(tile: number, layer: number, output: TileOutput, took: number): void;
   onEvict(tile: number, layer: number): void;
+  /** The block STREAMING has come. */
+  onStreaming(): void;
   /** A block arrived. */
   onBytes(): void;
   onDone(): void;
@@ -63,8 +66,8 @@ export class Refiner {
   readonly #ready: Queue;
   readonly #busy = new Set<number>();
   readonly #ledger: Ledger;
-  readonly #annotationEntry: number;
-  #annotation: Uint8Array | null = null;
+  /** Entry of the block STREAMING, -1 where there is none. */
+  readonly #streamingEntry: number;
   #budgets: Budgets;
   #ideal: Step[] = [];
   #victims: number[] = [];
@@ -80,7 +83,7 @@ export class Refiner {
   #closed = false;
 
   constructor(readonly parts: RefinerParts) {
-    const { source, opened, planner, output, meter, retry, budgets, camera, events } = parts;
+    const { source, opened, output, meter, retry, budgets, camera, events } = parts;
     const { front } = opened;
     this.#budgets = budgets;
     // What depends on the view is made again from what decoders hold.
@@ -89,7 +92,7 @@ export class Refiner {
     this.#ready = new Queue(front.index.tiles, front.index.layers);
     this.#ledger = new Ledger(front.index.tiles, this.memory);
     this.#views = new Views(front.index.boxes, camera);
-    this.#annotationEntry = planner.annotation === undefined ? -1 : front.numbers.annotation(planner.annotation);
+    this.#streamingEntry = front.numbers.blockOfFirst(BLOCK.STREAMING);
     const onBlock = (entry: number, body: Uint8Array) => this.#arrived(entry, body);
     const onDamaged = (entry: number) => this.#damaged(entry);
     const onIdle = () => this.#dispatch();
@@ -116,7 +119,7 @@ export class Refiner {
     });
     const isNeeded = (e: number) => {
       const part = front.numbers.partOf(e);
-      return part.what !== "block" || part.block.kind < BLOCK.TILE || e === this.#annotationEntry;
+      return part.what !== "block" || part.block.kind < BLOCK.TILE || e === this.#streamingEntry;
     };
     const wants = source.ranged === false ? (e: number) => this.transfers.isWanted(e) : isNeeded;
     // What the body brings is not to be asked for a second time.
@@ -150,7 +153,7 @@ export class Refiner {
     const steps = this.#plan(this.tiles.haveAll());
     const { goal, limit } = this.tiles;
     const wanted = steps.filter(({ tile, layer }) => layer <= goal[tile] && layer <= limit[tile]);
-    const entries = wantedEntries(this.parts.opened.front, wanted, this.#annotationEntry);
+    const entries = wantedEntries(this.parts.opened.front, wanted, this.#streamingEntry);
     if (entries.some((e) => !this.transfers.hasArrived(e))) this.#done = false;
     this.transfers.want(entries);
     for (const tile of goal.keys()) this.#touch(tile);
@@ -191,7 +194,7 @@ export class Refiner {
   }
 
   #plan(have: Uint8Array): Step[] {
-    return this.parts.planner.plan(this.tiles.index, this.#annotation, this.#views.camera, have, this.#budgets);
+    return this.parts.planner.plan(this.tiles.index, this.#views.camera, have);
   }
 
   #setGoals(): void {
@@ -224,9 +227,8 @@ export class Refiner {
       this.#touch(part.tile);
     } else if (part.what !== "block") {
       this.#openPage(entry, body);
-    } else if (entry === this.#annotationEntry) {
-      this.#annotation = body;
-      this.#replanSoon();
+    } else if (entry === this.#streamingEntry) {
+      this.#takeStreaming(body);
     } else {
       this.#models.set(entry, body);
       void this.#loadModels();
@@ -235,7 +237,21 @@ export class Refiner {
     this.parts.events.onBytes();
   }
 
-  /** What a page tells changes what there is to fetch. */
+  /** A block that breaks a rule, or is of another file, is passed over: plans do without. */
+  #takeStreaming(body: Uint8Array): void {
+    const { index } = this.tiles;
+    try {
+      const streaming = parseStreaming(body);
+      if (streaming.tiles !== index.tiles) return;
+      index.streaming = streaming;
+    } catch {
+      return;
+    }
+    this.parts.events.onStreaming();
+    this.#replanSoon();
+  }
+
+  /** A page changes what there is to fetch. */
   #openPage(entry: number, body: Uint8Array): void {
     try {
       this.parts.opened.front.openPage(entry, body);
@@ -407,16 +423,16 @@ export class Refiner {
     const part = numbers.partOf(entry);
     const offset = entries.offset[entry];
     const place = { source: this.parts.source.name, offset, layer: "layer" in part ? part.layer : undefined };
-    const told = (id: string, what: string, more: ErrorPlace = {}) =>
+    const damaged = (id: string, what: string, more: ErrorPlace = {}) =>
       new StreamError(id, `the ${what} at byte ${offset} arrived damaged each time`, { ...place, ...more });
     if (part.what === "tile") {
       this.#limitTile(part.tile, part.layer - 1);
-      this.parts.events.onError(told("crc-mismatch", "block", { tile: part.tile }));
+      this.parts.events.onError(damaged("crc-mismatch", "block", { tile: part.tile }));
     } else if (part.what === "block") {
-      if (entry !== this.#annotationEntry) this.#damagedModels(part.layer, told("crc-mismatch", "block"));
+      if (entry !== this.#streamingEntry) this.#damagedModels(part.layer, damaged("crc-mismatch", "block"));
     } else {
       this.#limitPage(part.page, part.what === "rows" ? part.layer - 1 : 0);
-      this.parts.events.onError(told("page-crc-mismatch", "page"));
+      this.parts.events.onError(damaged("page-crc-mismatch", "page"));
     }
     this.#replanSoon();
   }

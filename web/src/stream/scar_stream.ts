@@ -2,20 +2,20 @@
 
 import { inlineChannel, type MakeChannel, prepareWorkers, workerChannel } from "../decoder/channel.js";
 import type { Output, TileOutput } from "../decoder/protocol.js";
-import type { Engine } from "../decoder/types.js";
 import { byView } from "../plan/by_view.js";
 import type { Budgets, Camera, Planner } from "../plan/types.js";
 import type { RetryOptions } from "./backoff.js";
 import { Emitter } from "./emitter.js";
-import { asStreamError, type StreamError } from "./errors.js";
-import type { Front } from "./directory.js";
-import type { HttpOptions } from "./http_source.js";
+import { asStreamError, StreamError } from "./errors.js";
+import type { Front } from "../format/directory.js";
+import type { Streaming } from "../format/streaming.js";
+import { type HttpOptions, HttpSource } from "./http_source.js";
 import { Meter } from "./meter.js";
 import { FRONT_SIZES, type FrontSizes, openFront, type OpenedFront } from "./open_front.js";
 import { Pool } from "./pool.js";
 import { Refiner, type RefinerEvents } from "./refiner.js";
 import { RETRY, retrying } from "./retrying.js";
-import { makeSource, STALL_MS, type ByteSource, type SourceLike } from "./source.js";
+import { BlobSource, type ByteSource, FunctionSource, type RangeReader, type SourceLike } from "./source.js";
 
 export interface StreamOptions extends Partial<HttpOptions>, Partial<FrontSizes> {
   /** Decides what to fetch first. `byView` unless given: by what the camera sees, in file order before the first view. */
@@ -74,8 +74,6 @@ export interface Stats extends Progress {
   /** Bytes: delivered and shown, decoders, data under way. */
   memory: number;
   evictions: number;
-  /** What decodes, null before it is known: WebAssembly, or JavaScript where that is not to be had. */
-  engine: Engine | null;
   /** Milliseconds that decoders were busy, all together. */
   decodeMs: number;
   /** Milliseconds since the stream was made: front, first tile; null before. */
@@ -93,6 +91,8 @@ export interface StreamEvents {
   /** A tile is to be taken away: its memory is needed for others. */
   evict: EvictEvent;
   progress: Progress;
+  /** The block STREAMING has come, and with it `index.streaming` of the front. */
+  streaming: Streaming;
   /** All that view and budgets allow is shown. */
   done: Stats;
   /** Something failed and is tried again. */
@@ -102,7 +102,9 @@ export interface StreamEvents {
 }
 
 const MIB = 1 << 20;
-export const BUDGETS: Budgets = { splats: Infinity, bytes: 512 * MIB };
+/** Milliseconds without a byte after which a request is given up, unless given. */
+const STALL_MS = 10_000;
+const BUDGETS: Budgets = { splats: Infinity, bytes: 512 * MIB };
 const REPLAN_MS = 100;
 /** Of large scenes plans take long: they are made after so many times as long. */
 const PAUSE = 4;
@@ -211,7 +213,6 @@ export class ScarStream {
       splatsShown: refiner?.tiles.shownSplats ?? 0,
       memory: refiner?.used ?? 0,
       evictions: refiner?.evictions ?? 0,
-      engine: this.#pool?.engine ?? null,
       decodeMs: this.#decodeMs,
       ...this.#marks,
       layerAt: [...this.#marks.layerAt],
@@ -308,6 +309,7 @@ export class ScarStream {
         this.#layers[tile] = 0;
         this.#emitter.emit("evict", { tile, layer });
       },
+      onStreaming: () => index.streaming !== null && this.#emitter.emit("streaming", index.streaming),
       onBytes: () => this.#emitter.emit("progress", this.#progress()),
       onDone: () => this.#emitter.emit("done", this.stats()),
       onRetry: (error, delayMs) => this.#emitter.emit("retry", { error, delayMs }),
@@ -357,7 +359,14 @@ export class ScarStream {
   }
 }
 
-export function defaultWorkers(): number {
+function makeSource(source: SourceLike, options: HttpOptions): ByteSource {
+  if (typeof source === "string" || source instanceof URL) return new HttpSource(String(source), options);
+  if (typeof Blob !== "undefined" && source instanceof Blob) return new BlobSource(source);
+  if (typeof (source as RangeReader).read === "function") return new FunctionSource(source as RangeReader, options.stallMs);
+  throw new StreamError("bad-source", "a source is a URL, a File or Blob, or an object with size and read");
+}
+
+function defaultWorkers(): number {
   if (typeof Worker === "undefined") return 0;
   return Math.min(Math.max((navigator.hardwareConcurrency ?? 2) - 1, 1), MOST_WORKERS);
 }

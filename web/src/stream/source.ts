@@ -1,8 +1,7 @@
-/** Where the bytes of a file come from. */
+/** Where the bytes of a file come from; files of the user, and functions that give ranges. */
 
-import { BlobSource, FunctionSource, type RangeReader } from "./local_source.js";
-import { HttpSource, type HttpOptions } from "./http_source.js";
-import { StreamError } from "./errors.js";
+import { Deadline } from "./deadline.js";
+import { asStreamError, StreamError } from "./errors.js";
 
 /** What a question for a range is answered with. */
 export interface Body {
@@ -23,15 +22,92 @@ export interface ByteSource {
   open(offset: number, length: number, signal: AbortSignal): Promise<Body>;
 }
 
-/** Milliseconds without a byte after which a request is given up, unless said otherwise. */
-export const STALL_MS = 10_000;
-
 /** A URL, a file of the user, or anything that gives ranges. */
 export type SourceLike = string | URL | Blob | RangeReader;
 
-export function makeSource(source: SourceLike, options: HttpOptions): ByteSource {
-  if (typeof source === "string" || source instanceof URL) return new HttpSource(String(source), options);
-  if (typeof Blob !== "undefined" && source instanceof Blob) return new BlobSource(source);
-  if (typeof (source as RangeReader).read === "function") return new FunctionSource(source as RangeReader, options);
-  throw new StreamError("bad-source", "a source is a URL, a File or Blob, or an object with size and read");
+/** A source of one's own: a member of an archive, a store with its own keys. */
+export interface RangeReader {
+  /** Bytes of the file. */
+  readonly size: number;
+  /** For messages. */
+  readonly name?: string;
+  /** Gives exactly these bytes. An error it rejects with is retried, as those of a server are. */
+  read(offset: number, length: number, signal: AbortSignal): Promise<Uint8Array | ArrayBuffer>;
+}
+
+const CHUNK = 1 << 20;
+
+export class BlobSource implements ByteSource {
+  readonly ranged = true;
+  readonly name: string;
+
+  constructor(readonly blob: Blob) {
+    this.name = blob instanceof File ? blob.name : "a blob";
+  }
+
+  get size(): number {
+    return this.blob.size;
+  }
+
+  async open(offset: number, length: number, signal: AbortSignal): Promise<Body> {
+    return { offset, chunks: this.#chunks(offset, length, signal) };
+  }
+
+  async *#chunks(offset: number, length: number, signal: AbortSignal): AsyncGenerator<Uint8Array, void, void> {
+    for (let at = offset; at < offset + length; at += CHUNK) {
+      const part = this.blob.slice(at, Math.min(at + CHUNK, offset + length));
+      signal.throwIfAborted();
+      let bytes: ArrayBuffer;
+      try {
+        bytes = await part.arrayBuffer();
+      } catch (cause) {
+        // What browsers say where a file was written or removed since it was chosen.
+        throw new StreamError("file-changed", "the file was changed or removed", { source: this.name, cause });
+      }
+      signal.throwIfAborted();
+      yield new Uint8Array(bytes);
+    }
+  }
+}
+
+export class FunctionSource implements ByteSource {
+  readonly ranged = true;
+  readonly name: string;
+
+  constructor(
+    readonly reader: RangeReader,
+    readonly stallMs: number,
+  ) {
+    this.name = reader.name ?? "a byte source";
+    if (!Number.isSafeInteger(reader.size) || reader.size < 0) {
+      throw new StreamError("bad-source", `size is ${reader.size}, not a number of bytes`, { source: this.name });
+    }
+  }
+
+  get size(): number {
+    return this.reader.size;
+  }
+
+  async open(offset: number, length: number, signal: AbortSignal): Promise<Body> {
+    return { offset, chunks: this.#chunks(offset, length, signal) };
+  }
+
+  async *#chunks(offset: number, length: number, signal: AbortSignal): AsyncGenerator<Uint8Array, void, void> {
+    const source = this.name;
+    const deadline = new Deadline(signal, this.stallMs, source);
+    let bytes: Uint8Array;
+    try {
+      deadline.start();
+      bytes = new Uint8Array(await deadline.race(this.reader.read(offset, length, deadline.signal)));
+    } catch (error) {
+      const reason = deadline.reason(error);
+      throw signal.aborted ? reason : asStreamError(reason, { source, offset });
+    } finally {
+      deadline.end();
+    }
+    if (bytes.length !== length) {
+      throw new StreamError("cut", `read gave ${bytes.length} bytes of ${length}`, { source, offset });
+    }
+    yield bytes;
+  }
 }

@@ -1,11 +1,11 @@
 /** What is known of each tile: layers decoded, layers shown, bodies that wait for their turn. */
 
 import type { TileBlock } from "../decoder/types.js";
-import type { SceneIndex } from "../plan/types.js";
-import type { Directory } from "./directory.js";
+import type { FileIndex } from "../plan/types.js";
+import type { Directory } from "../format/directory.js";
 
 export class Tiles {
-  readonly index: SceneIndex;
+  readonly index: FileIndex;
   /** (tiles): layers that the decoder has. */
   readonly decoded: Uint8Array;
   /** (tiles): layers delivered; 0 where a tile is not shown. */
@@ -105,8 +105,7 @@ export class Tiles {
     const layers: TileBlock[] = [];
     const reach = Math.min(this.#reach(tile), upTo);
     for (let layer = this.decoded[tile] + 1; layer <= reach && this.#isThere(tile, layer); layer++) {
-      const offset = this.front.entries.offset[this.front.numbers.tileBlock(tile, layer)];
-      layers.push({ layer, offset, count: this.front.appear(tile, layer), body: this.#take(tile, layer) });
+      layers.push({ layer, count: this.front.appear(tile, layer), body: this.#take(tile, layer) });
     }
     return layers;
   }

@@ -3,7 +3,7 @@
 import { Assembler, firstFrom, type Partial } from "./assembler.js";
 import { Backoff, type RetryOptions } from "./backoff.js";
 import { asStreamError, StreamError } from "./errors.js";
-import type { Directory } from "./directory.js";
+import type { Directory } from "../format/directory.js";
 import type { Meter } from "./meter.js";
 import { type ByteRange, MOST_PARALLEL, nextRequest, requestSizes } from "./requests.js";
 import type { Body, ByteSource } from "./source.js";

@@ -1,18 +1,18 @@
 /** From steps of a plan to pages and blocks of the file. */
 
 import type { Step } from "../plan/types.js";
-import type { Directory } from "./directory.js";
+import type { Directory } from "../format/directory.js";
 
-/** What an annotation may take at once, bytes, and how many times its bytes come before it where it takes more. */
+/** What the block STREAMING may take at once, bytes, and how many times its bytes come before it where it takes more. */
 const SMALL = 64 * 1024;
 const SHARE = 8;
 
 /**
  * Entries in the order to fetch: before the first tile of a layer the models of that layer and those before. In place
  * of blocks of which nothing is known yet, the pages that tell of them.
- * @param annotation entry that the planner wants to see, after the first models; -1 for none
+ * @param streaming entry of the block STREAMING, which comes after the first models; -1 for none
  */
-export function wantedEntries(directory: Directory, steps: Step[], annotation: number): number[] {
+export function wantedEntries(directory: Directory, steps: Step[], streaming: number): number[] {
   const { numbers, entries } = directory;
   const wanted: number[] = [];
   const pages = new Set<number>();
@@ -29,13 +29,13 @@ export function wantedEntries(directory: Directory, steps: Step[], annotation: n
     const block = numbers.tileBlock(tile, layer);
     if (entries.length[block] > 0 && directory.isPlaced(tile)) wanted.push(block);
   }
-  if (annotation >= 0 && wanted.length > 0) wanted.splice(placeOf(directory, wanted, annotation), 0, annotation);
+  if (streaming >= 0 && wanted.length > 0) wanted.splice(placeOf(directory, wanted, streaming), 0, streaming);
   return wanted;
 }
 
-/** A small annotation comes after the first models; what is large would keep the scene waiting. */
-function placeOf({ numbers, entries }: Directory, wanted: number[], annotation: number): number {
-  const size = entries.length[annotation];
+/** A small block comes after the first models; what is large would keep the scene waiting. */
+function placeOf({ numbers, entries }: Directory, wanted: number[], streaming: number): number {
+  const size = entries.length[streaming];
   const afterModels = 1 + wanted.lastIndexOf(numbers.models(1).at(-1) ?? -1);
   if (size <= SMALL) return afterModels;
   let before = 0;

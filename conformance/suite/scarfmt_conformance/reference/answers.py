@@ -24,17 +24,16 @@ if TYPE_CHECKING:
     # The rest comes when it is needed: a suite starts this program hundreds of times.
     from numpy.typing import NDArray
 
-    from scarfmt.coding.engine import Engine
     from scarfmt.coding.reader import SceneReader
 
 CAPABILITIES = {
     "protocol": PROTOCOL,
     "decoder": f"scarfmt reference {__version__}",
-    "versions": ["0.2"],
+    "versions": ["0.3"],
     "profiles": ["explicit", "anchor"],
     "stages": list(STAGES),
 }
-# Ids that no bytes of a file can cause (docs/tool-refusals.md): of calls and machines, beside the InvalidInput ones.
+# Ids that no bytes of a file can cause: of calls and machines, beside the InvalidInput ones.
 _NOT_OF_FILES = frozenset({"block-range", "truncated-source", "inexact-device"})
 _SHOWN = 8
 
@@ -46,13 +45,13 @@ class Manner:
     """How files are decoded; the answers do not depend on it.
 
     Attributes:
-        engine: what computes.
-        tile_by_tile: every tile read and decoded on its own, by ranges, not all in one go with threads.
+        native: also decode with the C library, which must give the same values.
+        tile_by_tile: every tile read and decoded on its own, by ranges, not all in one go.
         single: activated values in binary32, as a decode gives them, not in binary64.
         camera: centre of the camera, world units, for Gaussians of the anchor profile; None: `origin` of the header.
     """
 
-    engine: Engine
+    native: bool = False
     tile_by_tile: bool = False
     single: bool = False
     camera: tuple[float, ...] | None = None
@@ -81,7 +80,7 @@ def answer(path: str, layers: int, stage: str, manner: Manner) -> Answer:
 
     with open_source(path) as source:
         try:
-            return {"stages": dict(_stages(SceneReader(source, engine=manner.engine), layers, stage, manner))}
+            return {"stages": dict(_stages(SceneReader(source), layers, stage, manner))}
         except ScarError as error:
             if isinstance(error, InvalidInput) or error.refusal in _NOT_OF_FILES:
                 raise
@@ -114,6 +113,8 @@ def _stages(reader: SceneReader, layers: int, stage: str, manner: Manner) -> Ite
     if wanted == ("models",):
         return
     found = of.decoding(reader, models, manner.tile_by_tile)
+    if manner.native:
+        of.check_native(found)
     for name, arrays in of.EXACT.items():
         if name in wanted:
             yield name, hashed(arrays(found))
@@ -181,7 +182,7 @@ def _arguments(arguments: list[str] | None) -> argparse.Namespace:
     parser.add_argument("--layers", type=int, default=0, help="number of layers to decode, 0 for all (default)")
     parser.add_argument("--camera", type=_camera, help="X,Y,Z of the camera [default: the origin in the header]")
     parser.add_argument("--stage", default="all", choices=("all", "capabilities", *STAGES), help="what to answer")
-    parser.add_argument("--backend", default="auto", help="auto (default), kernel, numpy, torch or cuda")
+    parser.add_argument("--native", action="store_true", help="also compare with the C library")
     parser.add_argument("--access", default="whole", choices=("whole", "range"), help="decode all at once, or by tile")
     parser.add_argument(
         "--precision", default="double", choices=("single", "double"), help="of activated values (default: double)"
@@ -197,9 +198,7 @@ def main(arguments: list[str] | None = None) -> None:
     parsed = _arguments(arguments)
     # Before numpy is imported: products this small are slower with threads.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-    from reference_decoder.backends import backend
-
-    manner = Manner(backend(parsed.backend), parsed.access == "range", parsed.precision == "single", parsed.camera)
+    manner = Manner(parsed.native, parsed.access == "range", parsed.precision == "single", parsed.camera)
     if parsed.session:
         session(sys.stdin, sys.stdout, manner)
     else:

@@ -14,7 +14,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from reference_decoder.decoded import Decoded, joined, tile_part
+from reference_decoder.decode import DecodeRequest, decode
+from reference_decoder.decoded import Decoded, empty_anchors
 from scarfmt.blocks.streaming import Streaming
 from scarfmt.coding.models import SceneModels
 from scarfmt.coding.reader import SceneReader
@@ -37,8 +38,6 @@ from scarfmt_conformance.reference.observed import Records
 Arrays = dict[str, NDArray[Any]]
 """Arrays of the protocol's types, in the byte order of the machine. They become little-endian in the answer."""
 
-THREADS = 4
-"""Tiles decoded side by side, more than there are in most vectors."""
 
 
 @dataclass(frozen=True)
@@ -60,10 +59,14 @@ class Decoding:
     @cached_property
     def decoded(self) -> Decoded:
         """The values of all anchors."""
-        filled = ((number, content) for number, content in enumerate(self.contents) if len(content))
-        parts = (tile_part(self.reader, self.models, number, content) for number, content in filled)
-        empty = tile_part(self.reader, self.models, -1, TileContent.empty(self.models.model))
-        return joined(parts, empty, sum(map(len, self.contents)))
+        model, count = self.models.model, sum(map(len, self.contents))
+        channels = [(channel.stream, channel.components) for channel in model.channels]
+        fields, layers = self.reader.header.fields, len(model.layers)
+        out, first = empty_anchors(fields, layers, lambda: self.models, channels, model.max_stages, count), 0
+        for number, content in enumerate(self.contents):
+            rows = slice(first, first := first + len(content))
+            out.rows(rows).put_content(self.reader, model, number, content)
+        return out
 
 
 def streaming(told: Streaming | None) -> dict[str, Any] | None:
@@ -73,13 +76,10 @@ def streaming(told: Streaming | None) -> dict[str, Any] | None:
     view = told.view
     numbers = np.zeros(0) if view is None else np.array([*view.position, *view.target, *view.up, view.fov])
     return {
-        "layers": told.layers,
         "view": _single_bits(numbers) or None,
-        "viewpoints": [_single_bits(place) for place in told.viewpoints],
         "low": told.low.tolist(),
         "high": told.high.tolist(),
         "reach": told.reach.tolist(),
-        "gains": told.gains.tolist(),
     }
 
 
@@ -103,8 +103,22 @@ def decoding(reader: SceneReader, models: SceneModels, tile_by_tile: bool) -> De
     if tile_by_tile:
         found = [pair for number in numbers for pair in reader.tiles(models, [number], observe=records.observe)]
     else:
-        found = list(reader.tiles(models, threads=THREADS, observe=records.observe))
+        found = list(reader.tiles(models, observe=records.observe))
     return Decoding(reader, models, [content for _, content in found], records)
+
+
+def check_native(found: Decoding) -> None:
+    """Check that the C library gives the same exact values.
+
+    Raises:
+        AssertionError: it gives others.
+    """
+    container = found.reader.container
+    request = DecodeRequest(layers=len(found.models.model.layers), limits=container.limits, allow_truncated=True)
+    native = decode(container.source, request)
+    pairs = zip(native.arrays(), found.decoded.arrays(), strict=True)
+    if not all(np.array_equal(one, other, equal_nan=one.dtype.kind == "f") for one, other in pairs):
+        raise AssertionError("the C library decodes other values")
 
 
 def container(source: Container) -> dict[str, Any]:
@@ -154,10 +168,10 @@ def context(found: Decoding) -> Arrays:
     """Grid features of every anchor; embeddings and predictor contexts of the last layer."""
     grid, out = found.models.grid, found.records.contexts()
     if grid is not None:
-        engine, fields = found.reader.engine, found.reader.header.fields
+        fields = found.reader.header.fields
         places = zip(found.reader.container.tiles, found.contents, strict=True)
         filled = ((tile_frame(fields, tile), content.codes) for tile, content in places if len(content))
-        parts = [engine.grid_features(grid, cell_centres(frame, codes)) for frame, codes in filled]
+        parts = [grid.features(cell_centres(frame, codes)) for frame, codes in filled]
         out["grid.features"] = _stacked(parts, (grid.width,), "i4")
     return out
 

@@ -7,41 +7,36 @@ from dataclasses import replace
 import pytest
 import torch
 
-from reference_encoder.training.raster.binning import list_tiles
-from reference_encoder.training.raster.gaussians import Gaussians
-from reference_encoder.training.raster.prepare import Prepared, prepare
-from reference_encoder.training.raster.projection import Lens, Seen, ellipses, see, to_camera, to_pixels
+from reference_encoder.training.raster.compiled import Gaussians, Prepared, prepare
+from reference_encoder.training.raster.cuda import VisibleSplats, list_tiles, project
 
 from .scenes import SCENES, leaves, mixed, turned_camera
 
 CAMERA = turned_camera(70, 50)
 
 
-def both(scene: Gaussians) -> tuple[Prepared, Gaussians, Seen, torch.Tensor, torch.Tensor]:
-    """The library's preparation; and Gaussians with gradients, torch's projection of them, means and ellipses."""
-    here, lens = leaves(scene, torch.float32), Lens.of(CAMERA, scene.centres)
-    local = to_camera(here.centres, lens)
-    means = to_pixels(local, lens)
-    seen = see(local.detach(), means.detach(), here, lens)
-    return prepare(leaves(scene, torch.float32), CAMERA), here, seen, means, ellipses(local, here, seen, lens)
+def both(scene: Gaussians) -> tuple[Prepared, Gaussians, VisibleSplats]:
+    """The library's preparation; and Gaussians with gradients, and torch's projection of them."""
+    here = leaves(scene, torch.float32)
+    return prepare(leaves(scene, torch.float32), CAMERA), here, project(here, CAMERA)
 
 
 @pytest.mark.parametrize("name", SCENES)
 def test_the_same_ellipses_in_the_same_order(name: str) -> None:
-    prepared, _, seen, means, shapes = both(SCENES[name](0))
+    prepared, _, seen = both(SCENES[name](0))
     assert torch.equal(prepared.which, seen.which)
-    torch.testing.assert_close(prepared.means, means, rtol=1e-5, atol=1e-4)
-    torch.testing.assert_close(prepared.ellipses, shapes, rtol=2e-4, atol=1e-6)
+    torch.testing.assert_close(prepared.means, seen.means, rtol=1e-5, atol=1e-4)
+    torch.testing.assert_close(prepared.ellipses, seen.ellipses, rtol=2e-4, atol=1e-6)
     torch.testing.assert_close(prepared.splats[:, 5], seen.half_row, rtol=1e-4, atol=1e-4)
     torch.testing.assert_close(prepared.splats[:, 6:8], seen.halves, rtol=1e-4, atol=1e-4)
 
 
 def test_depths_that_an_ulp_parts_are_in_the_same_order() -> None:
     """Slots of an anchor start at one place: of what lies so close, one order is as good, if all devices have it."""
-    scene, lens = mixed(0, 2000), Lens.of(CAMERA, mixed(0, 1).centres)
-    depths = to_camera(scene.centres, lens)[:, 2:]
-    flat = scene.centres + (3 - depths) * lens.pose[2, :3].float()
-    prepared, _, seen, _, _ = both(replace(scene, centres=flat))
+    scene, forward = mixed(0, 2000), torch.tensor(CAMERA.world_to_camera[2])
+    depths = scene.centres.double() @ forward[:3] + forward[3]
+    flat = scene.centres + (3 - depths.float())[:, None] * forward[:3].float()
+    prepared, _, seen = both(replace(scene, centres=flat))
     assert len(seen.which) > 100
     assert torch.equal(prepared.which, seen.which)
 
@@ -49,7 +44,8 @@ def test_depths_that_an_ulp_parts_are_in_the_same_order() -> None:
 @pytest.mark.parametrize("name", SCENES)
 def test_the_same_gradients(name: str) -> None:
     scene = SCENES[name](0)
-    _, here, _, means, shapes = both(scene)
+    _, here, seen = both(scene)
+    means, shapes = seen.means, seen.ellipses
     other = leaves(scene, torch.float32)
     prepared = prepare(other, CAMERA)
     generator = torch.Generator().manual_seed(1)

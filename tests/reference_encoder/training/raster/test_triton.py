@@ -15,7 +15,7 @@ import torch
 from torch import Tensor
 
 from reference_encoder.training.raster import rasterise
-from reference_encoder.training.raster.gaussians import Gaussians
+from reference_encoder.training.raster.compiled import Gaussians
 
 from .dense import render_dense
 from .scenes import SCENES, leaves, turned_camera

@@ -12,7 +12,7 @@ import {
 import type { PackedTile } from "../../decoder/types.js";
 import { placesFor } from "../../pack/places.js";
 import type { Budgets, Camera } from "../../plan/types.js";
-import type { Front } from "../../stream/directory.js";
+import type { Front } from "../../format/directory.js";
 import type { ScarStream } from "../../stream/scar_stream.js";
 import { ScarSplats } from "./splats.js";
 
@@ -20,6 +20,9 @@ import { ScarSplats } from "./splats.js";
 const EVERY_MS = 100;
 /** What came is copied after so long even where other scenes of the app keep the sorter busy, and again until it rests. */
 const PATIENCE_MS = 1000;
+
+/** Of `header.render_model`: Gaussians were trained to be made fainter where they are widened (Mip-Splatting). */
+const ANTIALIASED = 1;
 
 /**
  * What a stream brings, drawn by the components of type gsplat that have it: uploads, eviction, and the view of the
@@ -49,6 +52,8 @@ export class ScarResource extends ScarSplats {
     budgets: Partial<Budgets> = {},
   ) {
     super(app.graphicsDevice, front, placesFor(front, budgets));
+    // All splats of an app are drawn alike: the scene that came last decides.
+    app.scene.gsplat.antiAlias = front.header.render_model === ANTIALIASED;
     const update = app.on("update", () => this.#update());
     const end = app.once("destroy", () => this.destroy());
     const ready = app.systems.gsplat?.on("frame:ready", (_camera: unknown, _layer: unknown, isReady: boolean) => {

@@ -12,7 +12,7 @@ import {
 
 import type { PackedTile } from "../../decoder/types.js";
 import { Places, type Span } from "../../pack/places.js";
-import type { Front } from "../../stream/directory.js";
+import type { Front } from "../../format/directory.js";
 import { READ_GLSL, streamNames } from "./read_glsl.js";
 
 /** Words of geometry of a Gaussian, and of a texel. */

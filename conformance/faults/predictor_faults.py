@@ -1,0 +1,122 @@
+"""Invalid vectors of PREDICTORS blocks (SPEC §10.3)."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+
+from conformance.scenes.cases import Fault
+from conformance.scenes.made import Plan, build, channel
+from conformance.surgery.edit import Changes, append, cut, edited, further, splice
+from conformance.surgery.files import block_of, blocks_of, changed, rebuilt, vector_file, without
+from conformance.writer.fields import varint
+from conformance.writer.networks import predictors_block
+from scarfmt.blocks.predictors import unpack_predictors
+from scarfmt.container.file import Block, Tile
+from scarfmt.container.schema import BlockKind, Stream
+from scarfmt.neural.arithmetic import MAX_WEIGHT, Linear
+from scarfmt.neural.predictors import Predictor
+from scarfmt.scene.model import MAX_CLASSES, DecodedContext, LayerRow
+
+OCCUPANCY_TARGETS = bytes([2, 2, 40, 5])
+"""passes_log2, target_count and targets of the vector `predictors`."""
+_PREDICTORS = BlockKind.PREDICTORS
+_HEAD, _VALUES, _FIT, _ROWS = (
+    (rule, "bad-predictor") for rule in ("R-10.3-1", "R-10.3-2", "R-10.3-3", "R-10.1-1")
+)
+_SHORT, _LONG = ("R-5.7-2", "payload-short"), ("R-5.7-2", "payload-long")
+
+
+def _edited(data: bytes, changes: Changes) -> bytes:
+    """The file with fields of its first predictors changed."""
+    before = unpack_predictors(block_of(data, _PREDICTORS).payload)
+    after = edited(before, changes)
+    return changed(data, _PREDICTORS, 1, lambda _: predictors_block(after), len(after) - len(before))
+
+
+def predictor_faults(base: bytes, edge: bytes, alone: bytes) -> Iterator[Fault]:
+    """Faults of the vectors `predictors`, `predictors-edge` and `predictors-alone`, which has no ROTATION."""
+    # Of the first record: stream 1, component 2, step 3, b1 4, b2 5, classes 6, inputs 7, units 8.
+    for name, purpose, rule, change in (
+        ("s-none", "a PREDICTORS block without a predictor", _HEAD, lambda _: b"\0"),
+        ("-residual", "a predictor of POSITION_RESIDUAL", _HEAD, splice(1, bytes([Stream.POSITION_RESIDUAL]))),
+        ("-indices", "a predictor of INDICES", _HEAD, splice(1, bytes([Stream.INDICES]))),
+        ("-classes", "columns of sixteen classes", _HEAD, splice(6, b"\x10")),
+        ("-no-inputs", "fifteen inputs", _HEAD, splice(7, b"\x0f")),
+        ("-units", "65 hidden units", _HEAD, splice(8, b"\x41")),
+        ("s-1025", "1025 predictors", ("R-5.7-3", "count-limit"), splice(0, varint(1025))),
+        ("s-short", "a predictor that ends early", _SHORT, cut),
+        ("s-long", "a byte after the last predictor", _LONG, append()),
+    ):
+        yield f"predictor{name}", purpose, *rule, changed(base, _PREDICTORS, 1, change)
+    for name, purpose, rule, data, changes in _edits(base, edge, alone):
+        yield f"predictor{name}", purpose, *rule, _edited(data, changes)
+    yield from _order_faults(base, edge)
+    yield from _scene_faults(base)
+
+
+def _edits(base: bytes, edge: bytes, alone: bytes) -> Iterator[tuple[str, str, tuple[str, str], bytes, Changes]]:
+    reach = "an accumulator that can reach 2^24"
+    yield "-buckets", "257 buckets", _VALUES, base, {"0.buckets": (129, 2)}
+    yield "-step-zero", "a predictor of step 0", _VALUES, base, {"0.step": 0}
+    yield "-weight-lowest", "a weight of -2^31", _VALUES, base, {"0.output.weights.1.-1": -(1 << 31)}
+    yield "-shift", "a shift of 25", _ROWS, base, {"0.output.shift": 25}
+    yield "-reach", reach, _ROWS, edge, {"0.output.biases.0": further}
+    yield ("-hidden-reach", "an accumulator of a hidden unit that can reach 2^24", _ROWS, edge,
+           {"0.hidden.biases.0": further})
+    for name, weight in (("", MAX_WEIGHT + 1), ("-low", -MAX_WEIGHT - 1)):
+        alone_in_it = {"0.output": lambda layer: Linear(0 * layer.weights, 0 * layer.biases, 8)}
+        yield (f"-weight{name}", f"a weight of {weight} in a row that stays in reach", _ROWS, base,
+               {**alone_in_it, f"0.output.weights.0.{MAX_CLASSES}": weight})
+    yield "s-equal", "two predictors of one key", _FIT, base, {"": lambda found: (found[0], *found)}
+    yield "s-descend", "keys do not ascend", _FIT, base, {"": lambda found: found[::-1]}
+    yield "-component", "a fourth scale", _FIT, base, {"": _fourth_scale}
+    yield ("-no-channel", "a predictor of a channel that the file does not have", _FIT, alone,
+           {"2.stream": Stream.ROTATION})
+    yield "-no-step", "a predictor of a step that never travels", _FIT, base, {"-1.step": 20}
+    yield "-early", "a predictor of a step that first travels in the next layer", _FIT, base, {"-1.step": 2}
+    yield "-wide", "an input more than there is to see", _FIT, base, {"0": _wider}
+
+
+def _fourth_scale(predictors: tuple[Predictor, ...]) -> tuple[Predictor, ...]:
+    third = Stream.SCALE, 2
+    return tuple(replace(p, component=3) if (p.stream, p.component) == third else p for p in predictors)
+
+
+def _wider(predictor: Predictor) -> Predictor:
+    """The predictor with an input of weight 0 more, after its other inputs."""
+    at = predictor.inputs
+    more = {"weights": lambda weights: np.insert(weights, at, 0, axis=1)}
+    hidden = predictor.hidden and edited(predictor.hidden, more)
+    return replace(predictor, hidden=hidden, output=edited(predictor.output, more))
+
+
+def _order_faults(base: bytes, edge: bytes) -> Iterator[Fault]:
+    """R-10.3-2 is applied after the bytes of the record, and before those of the next."""
+    for name, changes in (("step-zero", {"step": 0}), ("buckets", {"buckets": (129, 2)})):
+        first = edited(unpack_predictors(block_of(base, _PREDICTORS).payload)[0], changes)
+        yield (f"predictor-{name}-cut", "a record that breaks R-10.3-2, and ends early", *_SHORT,
+               changed(base, _PREDICTORS, 1, lambda _, first=first: predictors_block((first,))[:-1]))  # type: ignore[misc]
+    long = changed(_edited(edge, {"0.output.biases.0": further}), _PREDICTORS, 1, append())
+    yield ("predictor-reach-long", "an accumulator that can reach 2^24, and a byte after the last record", *_ROWS, long)
+
+
+def _scene_faults(base: bytes) -> Iterator[Fault]:
+    """Predictors that do not fit the rest of the file."""
+    blocks = blocks_of(without(base, _PREDICTORS, 2))
+    late = [replace(block, layer=2) if (block.kind, block.layer) == (_PREDICTORS, 1) else block for block in blocks]
+    yield ("predictor-late", "a predictor in the layer after that in which its step first travels", *_FIT,
+           rebuilt(base, late))
+    one_depth = changed(base, BlockKind.LAYER, 1, lambda p: p.replace(OCCUPANCY_TARGETS, bytes([2, 1, 40])))
+    yield "predictor-inputs", "as many inputs as two depths have; the file has one", *_FIT, one_depth
+    # LATENT of 64 components and four depths: 15 + 3 + 64 + 4 * 66 = 346.
+    channels = channel(Stream.SCALE, 0.5, 3), channel(Stream.LATENT, 1.5, 64)
+    data = vector_file(build(Plan(
+        "wrapped inputs", channels, (LayerRow((0,), ((1, 1),)),), (Tile(0, 0, 0),), (10,), bits=5, dimension=64,
+        context=DecodedContext(0, (8, 4, 2, 1)))))
+    output = Linear(np.zeros((2, 346 % 256), np.int32), np.zeros(2, np.int64), 0)
+    payload = predictors_block((Predictor(Stream.LATENT, 0, 1, None, output, (1, 1)),))
+    yield ("predictor-inputs-wrapped", "346 inputs, of which a byte holds 90", *_FIT,
+           rebuilt(data, [*blocks_of(data), Block(_PREDICTORS, 1, payload, count=1)]))

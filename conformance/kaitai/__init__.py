@@ -1,1 +1,0 @@
-"""The container as a Kaitai Struct description, and the parser compiled from it, held against the reader."""

@@ -1,0 +1,187 @@
+"""The weight of each Gaussian in pictures from everywhere (encoder only, informative).
+
+The currency: mean squared error of a picture (peak 1, over pixels and colours) per squared unit of relative error, as a
+power mean over views: (mean over views of s^p)^(1/p). It leans to the views that show a Gaussian most. When bits are
+given so that every Gaussian's weight times its squared error is the same, a view's error is the sum of s_in_view / s:
+of a plain mean, what a share f of the views shows counts 1/f times in those, and they look bad; here f^(-1/p) times
+(docs/decisions/0023-survey-of-everywhere.md).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from reference_encoder.importance.view_sampling import SurveyViews
+from reference_encoder.jit import compiled
+from reference_encoder.tuning import FLOOR_CONTRAST, FLOOR_DISTANCE, FLOOR_GAUSSIANS, FLOOR_SHARE, SURVEY_POWER
+from scarfmt.arrays import F32, F64, I64
+from scarfmt.render.camera import DILATION_PX2, Camera
+from scarfmt.render.projection import MIN_ALPHA, Drawable
+from scarfmt.render.rasterise import Contributions, contributions_by_view
+from scarfmt.render.viewpoints import FOV_DEG, HEIGHT, WIDTH
+from scarfmt.scene.gaussians import GaussianScene
+
+PIXEL = 2 * math.tan(math.radians(FOV_DEG) / 2) / WIDTH
+"""Width of a pixel of a survey's picture, a world unit away."""
+
+
+@dataclass(frozen=True)
+class KindWeights:
+    """The weights of N Gaussians in the views of one kind: power means.
+
+    Attributes:
+        shape: (N,) float32 per squared relative change of the splat.
+        colour: (N,) float32 per squared change of its colour.
+    """
+
+    shape: F32
+    colour: F32
+
+
+@dataclass(frozen=True)
+class Weights:
+    """The weights of N Gaussians.
+
+    Attributes:
+        kinds: by kind of view.
+        shares: how much each kind counts; kinds may be weighed anew with others.
+        floor: what each weighs at least, seen or not.
+        pixel: (N,) float32 width of a pixel at each, world units: geometric mean over the views, by weight.
+        largest: (N,) float32 largest blending weight in any pixel, 0..0.99.
+    """
+
+    kinds: Mapping[str, KindWeights]
+    shares: Mapping[str, float]
+    floor: KindWeights
+    pixel: F32
+    largest: F32
+
+    @property
+    def shape(self) -> F64:
+        """(N,) over all kinds, and no less than the floor."""
+        return self._combined(lambda kind: kind.shape)
+
+    @property
+    def colour(self) -> F64:
+        """(N,) over all kinds, and no less than the floor."""
+        return self._combined(lambda kind: kind.colour)
+
+    def _combined(self, of: Callable[[KindWeights], F32]) -> F64:
+        total = np.zeros(len(self.pixel))
+        for name, kind in self.kinds.items():
+            total += self.shares[name] * of(kind).astype(np.float64) ** SURVEY_POWER
+        return np.asarray(np.maximum(total ** (1 / SURVEY_POWER), of(self.floor)))
+
+
+class WeightSums:
+    """Power sums over views of so many Gaussians.
+
+    Attributes:
+        shape, colour: (N,) float64 sums of weights to the power.
+        log_pixel, weight: (N,) float64 sums over all kinds: logarithms of the width of a pixel by weight, and weights.
+        largest: (N,) float32.
+    """
+
+    def __init__(self, count: int) -> None:
+        self.log_pixel, self.weight, self.largest = np.zeros(count), np.zeros(count), np.zeros(count, np.float32)
+        self.start()
+
+    def start(self) -> None:
+        """Begin another kind."""
+        self.shape, self.colour = np.zeros(len(self.weight)), np.zeros(len(self.weight))
+
+    def add(self, seen: Contributions, positions: F64, camera: Camera, times: float = 1.0) -> None:
+        """Add a view, the sums of its picture divided by the number of its samples, as so many views."""
+        samples = camera.width * camera.height * 3
+        _add_view(
+            seen.index,
+            (seen.contrast_sq, seen.weight_sq, seen.weight_max),
+            samples,
+            times,
+            (positions, camera.centre, pixel_angle(camera)),
+            (self.shape, self.colour, self.log_pixel, self.weight, self.largest),
+        )
+
+    def means(self, views: float) -> KindWeights:
+        """Power means over as many views."""
+        shape, colour = ((total / max(views, 1)) ** (1 / SURVEY_POWER) for total in (self.shape, self.colour))
+        return KindWeights(shape.astype(np.float32), colour.astype(np.float32))
+
+    def pixel(self, radius: float) -> F32:
+        """(N,) width of a pixel at each, world units; of those not seen, a usual one in a scene of that radius."""
+        usual = np.full(len(self.weight), np.log(FLOOR_DISTANCE * radius * PIXEL))
+        logs = np.divide(self.log_pixel, self.weight, where=self.weight > 0, out=usual)
+        return np.asarray(np.exp(logs).astype(np.float32))
+
+
+@compiled
+def _add_view(
+    index: I64,
+    seen: tuple[F64, F64, F64],
+    samples: int,
+    times: float,
+    eye: tuple[F64, F64, float],
+    sums: tuple[F64, F64, F64, F64, F32],
+) -> None:
+    """Add what one view shows of the Gaussians `index` to `sums`, as :class:`WeightSums` has them."""
+    contrast, squared, largest = seen
+    positions, centre, angle = eye
+    for k in range(len(index)):
+        i = index[k]
+        shape = times * (contrast[k] / samples) ** SURVEY_POWER
+        far = positions[i] - centre
+        distance = math.sqrt(far[0] * far[0] + far[1] * far[1] + far[2] * far[2])
+        sums[0][i] += shape
+        sums[1][i] += times * (squared[k] / samples) ** SURVEY_POWER
+        sums[2][i] += shape * math.log(max(distance, 1e-12) * angle)
+        sums[3][i] += shape
+        sums[4][i] = max(sums[4][i], np.float32(largest[k]))
+
+
+def pixel_angle(camera: Camera) -> float:
+    """Width of a pixel of the whole picture a world unit away, of a view of which some pixels are sampled."""
+    return float(np.sqrt(camera.dilation / DILATION_PX2) / camera.fx)
+
+
+def weigh_scene(scene: GaussianScene, survey: SurveyViews, report: Callable[[float], None] = lambda _: None) -> Weights:
+    """The weights of the Gaussians of a scene in the views of a survey.
+
+    Args:
+        report: receives the part of the views that are done.
+    """
+    drawable, sums, kinds, done = Drawable.of(scene), WeightSums(len(scene)), {}, 0
+    for kind, cameras in survey.views.items():
+        sums.start()
+        for camera, seen in zip(cameras, contributions_by_view(drawable, cameras), strict=True):
+            sums.add(seen, scene.positions, camera)
+            done += 1
+            report(done / len(survey.cameras))
+        kinds[kind] = sums.means(len(cameras))
+    floor = weigh_unoccluded(scene, FLOOR_DISTANCE * survey.radius, len(scene))
+    return Weights(kinds, survey.shares, floor, sums.pixel(survey.radius), sums.largest)
+
+
+def weigh_unoccluded(scene: GaussianScene, distance: float, count: int) -> KindWeights:
+    """A share of what each Gaussian would weigh with nothing in front of it, so far away, world units.
+
+    A splat of opacity o whose ellipse has the area pi s t covers o^2 pi s t of squared weights; seen from all sides,
+    its two longest axes show about two thirds of that. It contrasts by `FLOOR_CONTRAST` with what is behind.
+
+    Args:
+        scene: of Gaussians.
+        distance: world units.
+        count: Gaussians of the whole scene.
+    """
+    width = distance * PIXEL
+    blur = DILATION_PX2 * width**2
+    scales = np.sort(scene.log_scales, axis=1)[:, 1:].astype(np.float64)
+    area = np.sqrt(np.prod(np.exp(2 * scales) + blur, axis=1)) / width**2
+    opacity = 1 / (1 + np.exp(-scene.opacity_logits.astype(np.float64)))
+    covered = np.minimum(np.pi * 2 / 3 * area, WIDTH * HEIGHT) * opacity**2 * (opacity >= MIN_ALPHA)
+    share = FLOOR_SHARE * min(1.0, count / FLOOR_GAUSSIANS)
+    weight = share * covered / (3 * WIDTH * HEIGHT)
+    return KindWeights((FLOOR_CONTRAST**2 * weight).astype(np.float32), weight.astype(np.float32))

@@ -1,1 +1,0 @@
-"""Harmonics or features as a latent: basis or autoencoder, codebooks, codewords (paper §3.2, §3.3, §3.6)."""

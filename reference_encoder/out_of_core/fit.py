@@ -1,0 +1,145 @@
+"""Decisions for a whole scene, and all integers of one range as they say (encoder only)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from reference_encoder.importance.attributes import Attributes, visible_attributes
+from reference_encoder.importance.sensitivity import Sensitivity, measure_sensitivity
+from reference_encoder.out_of_core.overview import Overview
+from reference_encoder.out_of_core.types import Measured, Range, RangeContent
+from reference_encoder.profiles.explicit import gaussian_channels, log_extent, view_dependent, wanted_step
+from reference_encoder.rdo.allocation import quantise_channel
+from reference_encoder.rdo.classes import ClassBounds, Classes, rank_by_coverage, rank_with_colour
+from reference_encoder.rdo.latent import Latent
+from reference_encoder.rdo.lattice import RootCube, place_within
+from reference_encoder.rdo.quantised_scene import cut_contents
+from reference_encoder.tuning import CLASS_COLOUR_SHARE, GAUSSIAN_BITS, INVISIBLE_WEIGHT, REST_SHARE
+from scarfmt.arrays import F64, I64
+from scarfmt.blocks.mlp import QuantisedMlp
+from scarfmt.coding.tile import TileContent
+from scarfmt.coding.writer import QuantisedScene
+from scarfmt.container.directory import Tile
+from scarfmt.container.file import HeaderFields
+from scarfmt.container.schema import Stream
+from scarfmt.scene.gaussians import GaussianScene
+from scarfmt.scene.model import SceneModel
+
+
+@dataclass(frozen=True)
+class LatentFit:
+    """The latent of view-dependent colour.
+
+    Attributes:
+        projection: (D, d) from colours beyond degree 0 to latents, lattice units.
+        decoder: the network of SPEC §9.2.
+    """
+
+    projection: F64
+    decoder: QuantisedMlp
+
+    @property
+    def unit(self) -> float:
+        """Length of a unit of the latent, in units of colours."""
+        return float(1 / np.sqrt((self.projection[:, 0] ** 2).sum()))
+
+    def of(self, attributes: Attributes, seen: Sensitivity) -> Latent:
+        """The latents of some Gaussians, in the basis of the whole scene."""
+        values = attributes.rest.astype(np.float64) @ self.projection
+        return Latent(values, seen.colour * REST_SHARE * self.unit**2, self.decoder, self.projection)
+
+
+@dataclass(frozen=True)
+class Fit:
+    """Decisions for a whole scene.
+
+    Attributes:
+        lambda_: of the last layer, squared picture error per bit.
+        fields: header fields.
+        model: channels, layers and classes.
+        classes: of importance, before those are split of which the first layer shows a part.
+        shift: :func:`reference_encoder.rdo.classes.measure_colour_shift` of all Gaussians.
+        parts: of the first classes of importance, what the first layer shows.
+        root: that tiles lie in.
+        tile_anchors: most anchors of a tile.
+        latent: None where nothing in view-dependent colour is worth sending.
+    """
+
+    lambda_: float
+    fields: HeaderFields
+    model: SceneModel
+    classes: ClassBounds
+    shift: float
+    parts: tuple[float, ...]
+    root: RootCube
+    tile_anchors: int
+    latent: LatentFit | None
+
+    def scene(self, tiles: tuple[Tile, ...], contents: tuple[TileContent, ...]) -> QuantisedScene:
+        """A range as a file of its own would hold it."""
+        shown = self.model.channel_index(Stream.LATENT) is not None
+        decoder = self.latent.decoder if shown and self.latent is not None else None
+        return QuantisedScene(self.fields, self.model, tiles, contents, decoder=decoder)
+
+    @property
+    def box(self) -> tuple[F64, F64]:
+        """Two corners of the root: where neighbours are told apart."""
+        low = np.array(self.root.low)
+        return low, low + self.root.side
+
+
+def ranked(seen: Sensitivity, lambda_: float, shift: float, sh_degree: int) -> F64:
+    """(n,) importance that makes classes of Gaussians."""
+    share = CLASS_COLOUR_SHARE if sh_degree else 0.0
+    return rank_with_colour(seen.absence, seen.colour, share, lambda_ * GAUSSIAN_BITS, shift)
+
+
+def apply(overview: Overview, fit: Fit, part: Range, scene: GaussianScene, measured: Measured) -> RangeContent:
+    """Tiles and all integers of a range.
+
+    Args:
+        overview, fit: of the whole scene.
+        part, scene, measured: the range, its Gaussians, and what they weigh.
+    """
+    attributes = visible_attributes(scene, measured.pixel)
+    seen = measure_sensitivity(attributes, measured)
+    every = fit.classes.classify(ranked(seen, fit.lambda_, fit.shift, overview.bounds.sh_degree))
+    left_out, invisible = every < 0, measured.largest < INVISIBLE_WEIGHT
+    gone = int((left_out & invisible).sum()), int((left_out & ~invisible).sum())
+    chosen = np.flatnonzero(every >= 0)
+    if not len(chosen):
+        return RangeContent((), (), np.array([*gone, 0]))
+    attributes, seen = attributes.take(chosen), seen.take(chosen)
+    wanted = wanted_step(seen, fit.lambda_)
+    place = place_within(
+        attributes.positions, wanted, fit.root, fit.fields.lattice_bits, fit.tile_anchors, (part.first, part.past)
+    )
+    classes, model = split_classes(fit, every[chosen], attributes), fit.model
+    latent = None if fit.latent is None else fit.latent.of(attributes, seen)
+    values, weights, _ = gaussian_channels(attributes, seen, place, latent)
+    integers = {}
+    for index, channel in enumerate(model.channels):
+        stream, steps = channel.stream, np.array([row[index] for row in model.layers[-1].steps])
+        received = channel.first_width, steps
+        integers[stream] = quantise_channel(values[stream], weights[stream], classes, received, fit.lambda_)
+    contents = cut_contents(model, place, classes, integers)
+    plain = ~view_dependent(fit.scene((), ()))[classes]
+    return RangeContent(place.tiles, contents, np.array([*gone, int(plain.sum())]))
+
+
+def split_classes(fit: Fit, importance: I64, attributes: Attributes) -> I64:
+    """(n,) classes as the file has them, of Gaussians of these classes of importance."""
+    none = np.zeros(fit.classes.count)
+    return (
+        Classes(
+            of=importance,
+            count=fit.classes.count,
+            importance=none,
+            coverage_rank=rank_by_coverage(attributes.positions, importance, log_extent(attributes), fit.box),
+            presence_bits=lambda _: none,
+        )
+        .split(fit.parts)
+        .of
+    )

@@ -1,0 +1,118 @@
+"""Decisions for a whole scene, from a sample of it (encoder only; docs/decisions/0044).
+
+Every sum that an allocation compares is one over Gaussians, so a sample that is drawn evenly tells it, times what each
+Gaussian of it stands for. What is decided about a Gaussian is a function of its own values, its weight and the Fit.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from reference_encoder.importance.attributes import Attributes, visible_attributes
+from reference_encoder.importance.sensitivity import Sensitivity, measure_sensitivity
+from reference_encoder.judge.rate_control import RateControl
+from reference_encoder.options import EncodeOptions
+from reference_encoder.out_of_core.fit import Fit, LatentFit, ranked
+from reference_encoder.out_of_core.judge import combine_quality
+from reference_encoder.out_of_core.measure import concatenate_samples
+from reference_encoder.out_of_core.overview import Overview
+from reference_encoder.out_of_core.types import Sample
+from reference_encoder.profiles.explicit import gaussian_input, wanted_step
+from reference_encoder.rdo.allocation import allocate
+from reference_encoder.rdo.classes import find_class_bounds, measure_colour_shift
+from reference_encoder.rdo.curves import measure_curves, predict_lambda
+from reference_encoder.rdo.lattice import Placement, RootCube, count_lattice_bits, default_tile_size, place_within
+from reference_encoder.rdo.layers import LayeredInput, layer_by_rule, price_layers
+from reference_encoder.rdo.quantised_scene import header_fields
+from reference_encoder.rdo.rdo_input import RdoInput
+from reference_encoder.tuning import (
+    GAUSSIAN_BITS,
+    GAUSSIAN_LAMBDA_DB,
+    LATTICE_MARGIN_BITS,
+    MOST_GAUSSIAN_CLASSES,
+)
+from scarfmt.arrays import F64
+from scarfmt.limits import MAX_LATTICE_BITS, MAX_TILE_DEPTH
+
+
+def fit_scene(overview: Overview, samples: Sequence[Sample], judge: Callable[[Fit], Sequence[F64]]) -> Fit:
+    """Decide all at the lambda at which pictures have the quality asked for.
+
+    Args:
+        overview: of the scene.
+        samples: of all ranges.
+        judge: what the ranges `overview.judging_ranges` give under a Fit, from the views :attr:`ViewSet.TUNING`.
+    """
+    options, sampled = overview.options, prepare_sample(overview, samples)
+    control = RateControl.for_options(options)
+
+    def decibels(fit: Fit) -> float:
+        found = combine_quality(overview, judge(fit))
+        return found.mean_db if options.worst is None else found.low_db
+
+    def fit(quality: float) -> Fit:
+        return fit_sample(overview, sampled, quality)
+
+    return control.converge(fit(control.target), fit, decibels)
+
+
+Prepared = tuple[Attributes, Sensitivity, float]
+"""Of the Gaussians of a sample, and how many each stands for."""
+
+
+def prepare_sample(overview: Overview, samples: Sequence[Sample]) -> Prepared:
+    """Collect what is fitted to, from the samples of all ranges."""
+    whole = concatenate_samples(samples)
+    attributes = visible_attributes(whole.scene, whole.measured.pixel)
+    return attributes, measure_sensitivity(attributes, whole.measured), whole.count / len(whole.scene)
+
+
+def fit_sample(overview: Overview, sample: Prepared, quality: float) -> Fit:
+    """Decide all at the lambda that is predicted to give `quality` dB."""
+    attributes, seen, repeat = sample
+    bounds, most = overview.bounds, tile_anchors(overview)
+    lambda_ = predict_lambda(quality, bounds.count, GAUSSIAN_LAMBDA_DB)
+    shift = measure_colour_shift(seen.absence, seen.colour, lambda_ * GAUSSIAN_BITS)
+    importance = ranked(seen, lambda_, shift, bounds.sh_degree)
+    classes = find_class_bounds(importance, lambda_, GAUSSIAN_BITS, MOST_GAUSSIAN_CLASSES)
+    every = classes.classify(importance)
+    kept = np.flatnonzero(every >= 0)
+    seen, attributes = seen.take(kept), attributes.take(kept)
+    # Tiles of the sample are as large as those of the scene will be.
+    placement = _place(attributes.positions, wanted_step(seen, lambda_), bounds.root, max(1, round(most / repeat)))
+    problem = gaussian_input(
+        attributes, seen, every[kept], classes.count, placement, lambda_, bounds.count, repeat, bounds.description
+    )
+    layered = _layer(problem, overview.options)
+    latent = problem.latent
+    return Fit(
+        lambda_=lambda_,
+        fields=header_fields(problem),
+        model=allocate(layered.problem, layered.curves, layered.choices).model,
+        classes=classes,
+        shift=shift,
+        parts=layered.first.parts,
+        root=bounds.root,
+        tile_anchors=most,
+        latent=None if latent is None else LatentFit(latent.projection, latent.decoder),
+    )
+
+
+def _place(positions: F64, wanted: F64, root: RootCube, most: int) -> Placement:
+    bits = count_lattice_bits(positions, wanted, root, most) + LATTICE_MARGIN_BITS
+    return place_within(positions, wanted, root, min(max(bits, MAX_TILE_DEPTH), MAX_LATTICE_BITS), most)
+
+
+def tile_anchors(overview: Overview) -> int:
+    """Most anchors of a tile."""
+    return overview.options.tile_anchors or default_tile_size(overview.bounds.count)
+
+
+def _layer(problem: RdoInput, options: EncodeOptions) -> LayeredInput:
+    curves = measure_curves(problem)
+    if options.layers > 1:
+        return layer_by_rule(problem, curves, options.layers)
+    last = price_layers(problem, curves).final
+    return LayeredInput(problem, curves, [last], last)

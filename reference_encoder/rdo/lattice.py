@@ -1,0 +1,229 @@
+"""Choosing the position lattice and the tiles (SPEC §6.2; encoder side).
+
+Tiles are the largest octree cubes that hold few enough anchors. Each gets as many local bits as its own anchors can
+use: an outlier at 1e4 times the core's extent sits in a coarse tile of its own.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from reference_encoder.tuning import CELL_FACTOR, CELL_PERCENTILE, LARGE_SCENE, LARGE_SCENE_TILE_ANCHORS, TILE_ANCHORS
+from scarfmt.arrays import F64, I64, U64
+from scarfmt.container.file import Tile
+from scarfmt.container.morton import deinterleave, interleave
+from scarfmt.errors import InvalidInput
+from scarfmt.limits import MAX_LATTICE_BITS, MAX_LOCAL_BITS, MAX_TILE_DEPTH
+from scarfmt.scene.model import Lattice
+
+FAR = 2.0**20
+"""Sizes of a scene, from its middle, beyond which a Gaussian is none of its parts: with it in the lattice, all others
+would share a few cells."""
+FEW = 1e-3
+"""Part of a scene that may be as far."""
+RELATIVE_FLOOR = 2.0**-44
+"""Never finer than this fraction of the magnitude of the coordinates: binary64 has no more to give."""
+
+
+def find_far(positions: F64) -> I64:
+    """Rows of (N, 3) positions so far from the rest that no lattice holds both, ascending; none if many are."""
+    low, middle, high = np.percentile(positions, (100 * FEW, 50, 100 - 100 * FEW), axis=0)
+    with np.errstate(over="ignore"):
+        far = np.flatnonzero(np.abs(positions - middle).max(axis=1) > FAR * float((high - low).max()))
+    return far if len(far) <= max(1, FEW * len(positions)) and (high > low).any() else far[:0]
+
+
+def check_crowd(positions: F64, most: int) -> None:
+    """Refuse (N, 3) positions of which more than `most` are one: no tile is smaller than a place.
+
+    Raises:
+        InvalidInput: ``input-crowded``.
+    """
+    if len(positions) <= most:
+        return
+    with np.errstate(over="ignore", invalid="ignore"):
+        mixed = positions @ np.array([1.0, np.sqrt(2), np.sqrt(3)])  # equal of equal places, and quick to sort
+    _, inverse, counts = np.unique(mixed, return_inverse=True, return_counts=True)
+    rows, counts = np.unique(positions[counts[inverse] > most], axis=0, return_counts=True)
+    if counts.max(initial=0) > most:
+        place = ", ".join(f"{value:g}" for value in rows[np.argmax(counts)])
+        message = f"{counts.max():,} Gaussians lie at one place ({place}); a file holds {most:,} there: remove copies"
+        raise InvalidInput("input-crowded", message, field="positions")
+
+
+@dataclass(frozen=True)
+class RootCube:
+    """The cube that all tiles lie in.
+
+    Attributes:
+        low: its corner, world units.
+        side: of it.
+        reach: the largest magnitude of a coordinate in it.
+    """
+
+    low: tuple[float, float, float]
+    side: float
+    reach: float
+
+    @classmethod
+    def around(cls, low: F64, high: F64) -> RootCube:
+        """The smallest that holds what lies between two corners, (3,) each."""
+        reach = float(max(np.abs(low).max(), np.abs(high).max()))
+        side = float(np.max(high - low))
+        side = max(side * (1 + 1e-9), reach * RELATIVE_FLOOR * 4, 1e-300)
+        return cls((float(low[0]), float(low[1]), float(low[2])), side, reach)
+
+    def paths(self, positions: F64) -> U64:
+        """(N,) Morton codes of `MAX_TILE_DEPTH` bits an axis of (N, 3) positions."""
+        unit = np.clip((positions - np.array(self.low)) / self.side, 0.0, np.nextafter(1.0, 0.0))
+        return interleave((unit * (1 << MAX_TILE_DEPTH)).astype(np.uint64))
+
+
+EVERYWHERE = (0, 1 << 3 * MAX_TILE_DEPTH)
+"""All Morton codes, the first and the one past the last."""
+
+
+@dataclass(frozen=True)
+class Placement:
+    """The place of each anchor.
+
+    Attributes:
+        lattice: origin, voxel and bits.
+        tiles: tile table.
+        tile: (N,) int64 tile of each anchor.
+        codes: (N,) uint64 local Morton codes.
+        residual: (N, 3) float64 distance from the cell centre, in cells (-0.5 .. 0.5).
+        cell: (N,) float64 world length of the anchor's cell.
+    """
+
+    lattice: Lattice
+    tiles: tuple[Tile, ...]
+    tile: I64
+    codes: U64
+    residual: F64
+    cell: F64
+
+
+def place(positions: F64, wanted_step: F64, tile_anchors: int | None = None) -> Placement:
+    """Tiles and cells for (N, 3) positions whose quantiser step should be about (N,) `wanted_step`."""
+    root = RootCube.around(positions.min(axis=0), positions.max(axis=0))
+    cubes = cut_tiles(root, positions, tile_anchors or default_tile_size(len(positions)))
+    bits = _local_bits(cubes, wanted_step, root)
+    return _place_anchors(positions, root, cubes, bits, int(max(1, (cubes.depth + bits).max())))
+
+
+def place_within(
+    positions: F64,
+    wanted_step: F64,
+    root: RootCube,
+    lattice_bits: int,
+    tile_anchors: int,
+    within: tuple[int, int] = EVERYWHERE,
+) -> Placement:
+    """Place anchors as :func:`place` does, on a given lattice, with tiles inside an interval of the Morton order.
+
+    Args:
+        positions: (N, 3), N >= 1, all in the interval.
+        lattice_bits: at least `MAX_TILE_DEPTH`.
+        tile_anchors: most anchors of a tile.
+        within: the first Morton code of `MAX_TILE_DEPTH` bits an axis, and the one past the last.
+    """
+    cubes = cut_tiles(root, positions, tile_anchors, within)
+    bits = np.minimum(_local_bits(cubes, wanted_step, root), lattice_bits - cubes.depth)
+    return _place_anchors(positions, root, cubes, bits, lattice_bits)
+
+
+def count_lattice_bits(positions: F64, wanted_step: F64, root: RootCube, tile_anchors: int) -> int:
+    """Bits of a lattice that gives every tile the cells that it wants."""
+    cubes = cut_tiles(root, positions, tile_anchors)
+    return int((cubes.depth + _local_bits(cubes, wanted_step, root)).max())
+
+
+@dataclass(frozen=True)
+class Cubes:
+    """The cubes of the tiles.
+
+    Attributes:
+        depth, prefix: (T,) of each tile, ascending.
+        tile: (N,) int64 tile of each anchor.
+    """
+
+    depth: I64
+    prefix: U64
+    tile: I64
+
+
+def cut_tiles(root: RootCube, positions: F64, most: int, within: tuple[int, int] = EVERYWHERE) -> Cubes:
+    """The largest cubes, none reaching beyond an interval, that hold at most so many of (N, 3) positions."""
+    path = root.paths(positions)
+    order = np.argsort(path, kind="stable")
+    depth, prefix, first = cut_cubes(path[order], MAX_TILE_DEPTH, most, within)
+    tile = np.empty(len(positions), np.int64)
+    tile[order] = np.repeat(np.arange(len(first)), np.diff(np.append(first, len(positions))))
+    return Cubes(depth, prefix, tile)
+
+
+def default_tile_size(count: int) -> int:
+    """Most anchors of a tile in a scene of `count`, where nobody asks for another number."""
+    return LARGE_SCENE_TILE_ANCHORS if count > LARGE_SCENE else TILE_ANCHORS
+
+
+def cut_cubes(path: U64, bits: int, most: int, within: tuple[int, int] | None = None) -> tuple[I64, U64, I64]:
+    """The largest cubes that hold at most `most` of the points on sorted paths; at the last bit, more.
+
+    Args:
+        path: (n,) Morton codes of `bits` bits an axis, not descending; n >= 1.
+        bits: of a path; no cube is deeper.
+        most: points of a cube, at least 1.
+        within: codes that cubes do not reach beyond, the first and the one past the last; None for all.
+
+    Returns:
+        Depth, Morton prefix and first point of each cube, in Morton order.
+    """
+    found: list[tuple[int, int, int]] = []
+    stack = [(0, 0, len(path))]
+    while stack:
+        depth, first, past = stack.pop()
+        free = 3 * (bits - depth)
+        prefix = int(path[first]) >> free
+        fits = within is None or (prefix << free >= within[0] and (prefix + 1) << free <= within[1])
+        if (fits and past - first <= most) or depth == bits:
+            found.append((depth, prefix, first))
+            continue
+        digits = path[first:past] >> np.uint64(3 * (bits - depth - 1))
+        edges = np.append(np.flatnonzero(np.diff(digits)) + 1, past - first) + first
+        begin = first
+        for end in edges.tolist():
+            stack.append((depth + 1, begin, end))
+            begin = end
+    found.sort(key=lambda cube: cube[2])
+    depths, prefixes, firsts = zip(*found, strict=True)
+    return np.array(depths, np.int64), np.array(prefixes, np.uint64), np.array(firsts, np.int64)
+
+
+def _local_bits(cubes: Cubes, wanted: F64, root: RootCube) -> I64:
+    order, depth = np.argsort(cubes.tile, kind="stable"), cubes.depth
+    groups = np.split(wanted[order], np.cumsum(np.bincount(cubes.tile))[:-1])
+    cell = CELL_FACTOR * np.array([np.percentile(group, CELL_PERCENTILE) for group in groups])
+    cell = np.maximum(cell, max(root.reach * RELATIVE_FLOOR, 1e-300))
+    bits = np.ceil(np.log2(np.maximum(root.side / 2.0**depth / cell, 1.0))).astype(np.int64)
+    return np.minimum(bits, np.minimum(MAX_LOCAL_BITS, MAX_LATTICE_BITS - depth))
+
+
+def _place_anchors(positions: F64, root: RootCube, cubes: Cubes, bits: I64, lattice_bits: int) -> Placement:
+    """Anchors in the cells of their tiles, which have so many `bits` an axis each."""
+    depth, tile = cubes.depth, cubes.tile
+    shift = lattice_bits - depth - bits
+    rows = zip(depth, shift, cubes.prefix, strict=True)
+    tiles = tuple(Tile(int(d), int(s), int(p)) for d, s, p in rows)
+    lattice = Lattice(root.low, root.side / 2.0**lattice_bits, lattice_bits)
+    corner = deinterleave(cubes.prefix).astype(np.float64) * 2.0 ** (lattice_bits - depth)[:, None]
+    cell = np.exp2(shift.astype(np.float64))
+    local = ((positions - np.array(lattice.origin)) / lattice.voxel - corner[tile]) / cell[tile][:, None]
+    top = (2.0**bits)[tile][:, None]
+    inside = np.clip(np.floor(local), 0, top - 1)
+    residual = np.clip(local - inside - 0.5, -0.5, 0.5)
+    width: F64 = lattice.voxel * cell[tile]
+    return Placement(lattice, tiles, tile, interleave(inside.astype(np.uint64)), residual, width)

@@ -1,0 +1,391 @@
+"""The content of layers, chosen by prediction or from pictures (encoder side).
+
+A layer shows the most important classes at some lambda; later layers show more classes at smaller lambdas. The first is
+the picture somebody sees before the rest has arrived, the last is what `quality` asks for, and in between bytes grow by
+like factors. The model of errors (docs/decisions/0003) is meant for small errors and ranks coarse pictures badly, so an
+encoder with time to spare draws them (docs/decisions/0018-layers-by-looks.md). A first layer must not have holes: of
+the classes it cannot show whole it shows those that cover most among their neighbours, and it does without colours
+that depend on the view where it can (docs/decisions/0026-first-layers.md).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from reference_encoder.rdo.curves import RdCurve, choose_steps, measure_curves
+from reference_encoder.rdo.rdo_input import RdoInput
+from reference_encoder.tuning import (
+    BELOW_DB,
+    COARSE_ABSENCE,
+    DB_A_LAMBDA,
+    DECODER_WEIGHT_BITS,
+    FEWEST_DIVIDED,
+    FRONT_CLASSES,
+    FRONT_LAMBDA,
+    FRONT_STEP,
+    LAMBDAS,
+    LARGEST_LAMBDA_RATIO,
+    LARGEST_SHARE,
+    MOST_MODEL_SHARE,
+    NEIGHBOURS,
+    PICTURE_DB,
+    PREVIEW_TRIES,
+    WORTH_DB,
+)
+from scarfmt.arrays import F64, I64
+
+Steps = tuple[int, ...]
+"""Steps of each channel that a class receives."""
+PreviewMetric = Callable[[Sequence[Steps], Sequence[float]], float]
+"""From what each class of a layer receives, and the part of each that is there, to how good it looks, dB."""
+
+
+@dataclass(frozen=True)
+class LayerChoice:
+    """The choice of what a layer shows.
+
+    Attributes:
+        lambda_: squared picture error per bit.
+        parts: of each class that is shown, the most important first, how much of it: 1 for all.
+        latent: whether it shows colours that depend on the view, or features.
+    """
+
+    lambda_: float
+    parts: tuple[float, ...]
+    latent: bool = True
+
+    @property
+    def shown(self) -> int:
+        """Classes of which anything is shown."""
+        return len(self.parts)
+
+    @property
+    def without_parts(self) -> LayerChoice:
+        """The layer once the parts of classes that it shows are classes of their own."""
+        return replace(self, parts=(1.0,) * self.shown)
+
+
+def show_whole(lambda_: float, shown: int) -> LayerChoice:
+    """The layer that shows all of the first classes."""
+    return LayerChoice(lambda_, (1.0,) * shown)
+
+
+@dataclass(frozen=True)
+class LayerCosts:
+    """The costs and gains of layers.
+
+    Attributes:
+        curves: channels in coding order.
+        presence_bits: lambda -> (classes,) bits of positions, labels and whatever else presence costs.
+        sizes: (classes,) anchors; 0 where classes are shown whole or not at all.
+        absence: (classes,) squared picture error of leaving the class out.
+        model_bits: bits of the decoder of latents, which the first layer that has a latent carries too.
+        last: lambda of the last layer.
+    """
+
+    curves: Sequence[RdCurve]
+    presence_bits: Callable[[float], F64]
+    sizes: I64
+    absence: F64
+    model_bits: float
+    last: float
+
+    @property
+    def final(self) -> LayerChoice:
+        """The last layer."""
+        return show_whole(self.last, len(self.absence))
+
+    @property
+    def least(self) -> LayerChoice:
+        """The cheapest layer there is."""
+        return show_whole(float(self.lambdas[-1]), 1)
+
+    @property
+    def lambdas(self) -> F64:
+        """Lambdas to choose from, rising from that of the last layer."""
+        return np.asarray(self.last * np.geomspace(1, LARGEST_LAMBDA_RATIO, LAMBDAS))
+
+    def steps(self, choice: LayerChoice) -> list[Steps]:
+        """The steps that each class receives."""
+        return [self._increment(klass, choice)[0] for klass in range(choice.shown)]
+
+    def bits(self, choice: LayerChoice) -> float:
+        """Bits up to a layer."""
+        fixed = self.presence_bits(choice.lambda_)
+        each = [part * (self._increment(k, choice)[2] + fixed[k]) for k, part in enumerate(choice.parts)]
+        return float(self.model_bits * choice.latent + sum(each))
+
+    def pays(self, klass: int, lambda_: float) -> bool:
+        """Whether a class is predicted to be worth its bits at `lambda_`."""
+        _, error, bits = self._increment(klass, show_whole(lambda_, klass + 1))
+        return error + lambda_ * (bits + float(self.presence_bits(lambda_)[klass])) < float(self.absence[klass])
+
+    def affordable(self, kind: LayerChoice, bits: float) -> LayerChoice | None:
+        """The layer like `kind` with the smallest lambda that takes at most `bits`; None if there is none."""
+        choices = (replace(kind, lambda_=float(lambda_)) for lambda_ in self.lambdas)
+        return next((choice for choice in choices if self.bits(choice) <= bits), None)
+
+    def coarser(self, choice: LayerChoice) -> list[LayerChoice]:
+        """The layer with larger lambdas, rising."""
+        return [replace(choice, lambda_=float(lambda_)) for lambda_ in self.lambdas if lambda_ > choice.lambda_]
+
+    def fronts(self) -> list[tuple[float, ...]]:
+        """Parts that a first layer may show, growing: of the :data:`FRONT_CLASSES` last classes less and less."""
+        classes = np.arange(len(self.sizes))
+        found: dict[tuple[float, ...], None] = {}
+        for front in np.arange(0, len(self.sizes), FRONT_STEP):
+            parts = np.clip(np.rint(NEIGHBOURS * (1 - (classes - front) / FRONT_CLASSES)) / NEIGHBOURS, 0, 1)
+            parts = np.where(self.sizes < FEWEST_DIVIDED, np.ceil(parts), parts)
+            found.setdefault(tuple(float(part) for part in parts if part > 0))
+        return list(found)
+
+    def _increment(self, klass: int, choice: LayerChoice) -> tuple[Steps, float, float]:
+        return choose_steps(self.curves, klass, choice.lambda_, self.last, choice.latent)
+
+
+@dataclass(frozen=True)
+class Layering:
+    """The content of layers, found at one lambda of the last layer and valid for others nearby.
+
+    Classes are ranked from the least important up, at steps of importance from what is just worth its bits: where
+    lambda changes, it is the most important end that gains or loses a class.
+
+    Attributes:
+        classes: there were when the layers were chosen, before any was split.
+        first: the first layer, before any class was split for it; its lambda in that of the last layer.
+        later: layers after it but for the last, after classes were split, lambdas likewise.
+    """
+
+    classes: int
+    first: LayerChoice
+    later: tuple[LayerChoice, ...]
+
+    @classmethod
+    def build(cls, classes: int, first: LayerChoice, choices: Sequence[LayerChoice]) -> Layering:
+        """Build the layering from the `choices` for all layers, which were found after classes were split for the
+        `first`."""
+        last = choices[-1].lambda_
+        later = tuple(replace(choice, lambda_=choice.lambda_ / last) for choice in choices[1:-1])
+        return cls(classes, replace(first, lambda_=first.lambda_ / last), later)
+
+    def parts(self, classes: int) -> tuple[float, ...]:
+        """The parts of its classes that the first layer shows, if there are `classes`."""
+        more = classes - self.classes
+        return ((1.0,) * more + self.first.parts)[max(-more, 0) :][:classes] or self.first.parts[-1:]
+
+    def split(self, problem: RdoInput) -> RdoInput:
+        """The problem with those classes split of which the first layer shows a part."""
+        parts = self.parts(problem.classes.count)
+        return problem if min(parts) == 1 else problem.split(parts)
+
+    def choices(self, costs: LayerCosts, classes: int) -> list[LayerChoice]:
+        """Choices for all layers of a problem that had so many classes before it was split."""
+        count, first = costs.final.shown, len(self.parts(classes))
+        more, cut = classes - self.classes, count - classes
+        cut -= sum(part < 1 for part in self.first.parts)
+        shown = [first, *(max(min(choice.shown + more + cut, count), first) for choice in self.later)]
+        return [
+            *(
+                LayerChoice(choice.lambda_ * costs.last, (1.0,) * number, choice.latent)
+                for choice, number in zip((self.first, *self.later), shown, strict=True)
+            ),
+            costs.final,
+        ]
+
+
+def predict_later_layers(first: LayerChoice, costs: LayerCosts, layers: int) -> list[LayerChoice]:
+    """The `first` layer of at least two, and those that are predicted to be best after it."""
+    choices = [first]
+    for lambda_ in reversed(costs.lambdas[costs.lambdas < first.lambda_]):
+        paying = [klass + 1 for klass in range(costs.final.shown) if costs.pays(klass, float(lambda_))]
+        choices.append(show_whole(float(lambda_), max([choices[-1].shown, *paying])))
+    choices.append(costs.final)
+    bits = np.array([costs.bits(choice) for choice in choices])
+    between = _share_bits(bits[0], bits[-1], layers)[1:-1]
+    kept = {int(np.argmin(np.abs(bits - budget))) for budget in between} - {0, len(bits) - 1}
+    return [choices[0], *(choices[k] for k in sorted(kept)), costs.final]
+
+
+def predict_first_layer(costs: LayerCosts, share: float) -> LayerChoice:
+    """The first layer of `share` of the bits that is good as a rule, without a look at it.
+
+    Of the best looking ones lambda is about :data:`FRONT_LAMBDA` times that of the last layer; they have latents where
+    the models that these need leave most of the bits to the scene.
+    """
+    budget = share * costs.bits(costs.final)
+    latent = costs.model_bits <= MOST_MODEL_SHARE * budget
+    kinds = (LayerChoice(costs.last, parts, latent) for parts in costs.fronts())
+    choices = [choice for choice in (costs.affordable(kind, budget) for kind in kinds) if choice]
+    return min(choices, key=lambda c: abs(np.log(c.lambda_ / (FRONT_LAMBDA * costs.last))), default=costs.least)
+
+
+def find_first_layer(costs: LayerCosts, metric: PreviewMetric, quality: float, share: float) -> LayerChoice:
+    """The smallest first layer that looks as good as :data:`PICTURE_DB`, with or without latents.
+
+    If none does within :data:`LARGEST_SHARE` of the bits, the best within `share`.
+
+    Args:
+        costs: of layers.
+        metric: how good a layer looks.
+        quality: of the last layer, dB: the first stays well below.
+        share: of the bits.
+    """
+    wanted = min(PICTURE_DB, quality - BELOW_DB)
+    found: LayerChoice | None = None
+    kinds: list[LayerChoice] = []
+    for latent in (False, True) if costs.model_bits else (True,):
+        most = costs.bits(found) if found else LARGEST_SHARE * costs.bits(costs.final)
+        kinds = [LayerChoice(costs.last, parts, latent) for parts in costs.fronts()]
+        found = _smallest(costs, metric, kinds, wanted, most) or found
+    if found is not None:
+        return found
+    affordable = (costs.affordable(kind, share * costs.bits(costs.final)) for kind in kinds)
+    return max((choice for choice in affordable if choice), key=lambda c: _rate(costs, metric, c), default=costs.least)
+
+
+def _smallest(
+    costs: LayerCosts, metric: PreviewMetric, kinds: Sequence[LayerChoice], wanted: float, most: float
+) -> LayerChoice | None:
+    """About the smallest layer of one of the growing `kinds` that looks good enough, None if that takes too much."""
+
+    def enough(index: int) -> bool:
+        finest = costs.affordable(kinds[index], most)
+        # What is out of reach is too much, not too little: smaller ones are looked for before it.
+        return finest is None or _rate(costs, metric, finest) >= wanted
+
+    found: LayerChoice | None = None
+    for kind in kinds[_first_that(len(kinds), enough) :]:
+        better = _smaller(costs, metric, kind, wanted, costs.bits(found) if found else most)
+        if better is None:
+            break
+        found = better
+    return found
+
+
+def _first_that(count: int, holds: Callable[[int], bool]) -> int:
+    """The first of 0.. for which `holds`, `count` if there is none; once it holds, it is taken to hold on."""
+    low, high = 0, count
+    while low < high:
+        middle = (low + high) // 2
+        low, high = (low, middle) if holds(middle) else (middle + 1, high)
+    return low
+
+
+def _rate(costs: LayerCosts, metric: PreviewMetric, choice: LayerChoice) -> float:
+    return metric(costs.steps(choice), choice.parts)
+
+
+def _smaller(
+    costs: LayerCosts, metric: PreviewMetric, kind: LayerChoice, wanted: float, most: float
+) -> LayerChoice | None:
+    """About the smallest layer like `kind` that looks good enough; None if that takes more than `most` bits."""
+    choice = costs.affordable(kind, most)
+    if choice is None:
+        return None
+    reached = _rate(costs, metric, choice)
+    if reached < wanted:
+        return None
+    coarser, stride = costs.coarser(choice), int((reached - wanted) / DB_A_LAMBDA)
+    for _ in range(PREVIEW_TRIES):
+        stride = min(stride, len(coarser))
+        if stride < 1:
+            break
+        found = _rate(costs, metric, coarser[stride - 1])
+        if found < wanted:
+            coarser, stride = coarser[: stride - 1], stride // 2
+        else:
+            choice, coarser, stride = coarser[stride - 1], coarser[stride:], int((found - wanted) / DB_A_LAMBDA)
+    return choice
+
+
+def find_later_layers(costs: LayerCosts, metric: PreviewMetric, first: LayerChoice, layers: int) -> list[LayerChoice]:
+    """Choices for at most `layers` layers, after the `first` each the best looking of like many bits.
+
+    Each looks better than the one before by :data:`WORTH_DB`, the last included.
+    """
+    choices, reached = [first], [_rate(costs, metric, first)]
+    for budget in _share_bits(costs.bits(first), costs.bits(costs.final), layers)[1:-1]:
+        rated = list(_rate_growing(costs, metric, choices[-1], budget))
+        rating, choice = max(rated, key=lambda pair: pair[0], default=(reached[0], first))
+        if rating >= reached[-1] + WORTH_DB:
+            choices.append(choice)
+            reached.append(rating)
+    if len(choices) > 1 and _rate(costs, metric, costs.final) < reached[-1] + WORTH_DB:
+        choices.pop()
+    return [*choices, costs.final]
+
+
+def _rate_growing(
+    costs: LayerCosts, metric: PreviewMetric, before: LayerChoice, budget: float
+) -> Iterator[tuple[float, LayerChoice]]:
+    """(dB, choice) for growing numbers of classes, as long as that looks better; nothing is taken back."""
+    best = float("-inf")
+    for shown in range(before.shown, costs.final.shown + 1):
+        choice = costs.affordable(show_whole(costs.last, shown), budget)
+        if choice is None or choice.lambda_ > before.lambda_:
+            return
+        rating = _rate(costs, metric, choice)
+        yield rating, choice
+        if rating < best:
+            return
+        best = rating
+
+
+def _share_bits(first: float, last: float, layers: int) -> list[float]:
+    """Bits up to each layer, growing by like factors."""
+    return [float(bits) for bits in np.geomspace(max(first, 1.0), max(last, 1.0), layers)]
+
+
+def price_layers(problem: RdoInput, curves: Sequence[RdCurve]) -> LayerCosts:
+    """The costs and gains of layers."""
+    classes, repeat = problem.classes, problem.repeat
+    absence = repeat * COARSE_ABSENCE * np.bincount(classes.of, classes.importance, classes.count)
+    counts = np.bincount(classes.of, minlength=classes.count)
+    sizes = np.rint((0 if classes.coverage_rank is None else repeat) * counts).astype(np.int64)
+    weights = sum(int(layer.weights.size) for layer in problem.decoder.layers) if problem.decoder else 0
+    return LayerCosts(
+        curves=curves,
+        presence_bits=classes.presence_bits,
+        sizes=sizes,
+        absence=absence.astype(np.float64),
+        model_bits=DECODER_WEIGHT_BITS * weights,
+        last=problem.lambda_,
+    )
+
+
+@dataclass(frozen=True)
+class LayeredInput:
+    """What is to be decided about a scene, and what its layers hold.
+
+    Attributes:
+        problem: with those classes split of which the first layer shows a part.
+        curves: what it costs.
+        choices: for all layers.
+        first: the first of them before any class was split.
+    """
+
+    problem: RdoInput
+    curves: Sequence[RdCurve]
+    choices: Sequence[LayerChoice]
+    first: LayerChoice
+
+
+def layer_by_rule(problem: RdoInput, curves: Sequence[RdCurve], layers: int) -> LayeredInput:
+    """The content of at least two layers without a look at pictures: a first layer without holes, then others."""
+    first = predict_first_layer(price_layers(problem, curves), problem.base_share)
+    problem, curves = split_for(problem, curves, first)
+    costs = price_layers(problem, curves)
+    return LayeredInput(problem, curves, predict_later_layers(first.without_parts, costs, layers), first)
+
+
+def split_for(
+    problem: RdoInput, curves: Sequence[RdCurve], first: LayerChoice
+) -> tuple[RdoInput, Sequence[RdCurve]]:
+    """With those classes split of which the first layer shows a part."""
+    if min(first.parts) < 1:
+        problem = problem.split(first.parts)
+        curves = measure_curves(problem)
+    return problem, curves

@@ -1,0 +1,111 @@
+"""The STREAMING block of a file: tight boxes of tiles, and a view to begin with (SPEC §7.13)."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from reference_encoder.options import EncodeOptions
+from scarfmt.arrays import F64
+from scarfmt.blocks.streaming import REACH_OF_SIDE, REACH_STEPS, Levels, Streaming, View
+from scarfmt.coding.writer import QuantisedScene
+from scarfmt.container.directory import tile_table
+from scarfmt.render.camera import Camera
+from scarfmt.render.viewpoints import Surroundings
+from scarfmt.scene.gaussians import AnchorModel, GaussianScene
+from scarfmt.view_planning import cubes
+
+_BULK = 0.9
+"""Share of the visible content of a tile that sticks out of its box no further than its reach."""
+_DEVIATIONS = 2.0
+_FIRST_ELEVATION, _FIRST_DISTANCE = 20.0, 1.6
+_NEIGHBOURHOOD = 8
+"""A first camera is amid its nearest neighbours, so many times fewer than all."""
+
+
+def build_streaming_block(
+    scene: QuantisedScene, drawn: GaussianScene | AnchorModel, options: EncodeOptions
+) -> Streaming | None:
+    """The block of a file; None for a single tile, of which there is no choice, where no cameras are known.
+
+    Args:
+        scene: all integers of the file.
+        drawn: what a decoder makes of them, in file order.
+        options: `cameras` and `frame` of the encoder.
+    """
+    if len(scene.tiles) < 2 and not options.cameras:
+        return None
+    low, high, reach = _boxes(scene, drawn)
+    return Streaming(low, high, reach, _first_view(place_anchors(drawn), options))
+
+
+def place_anchors(scene: GaussianScene | AnchorModel) -> GaussianScene:
+    """A Gaussian on every anchor of a model, of which only the place counts; an explicit scene as it is."""
+    if isinstance(scene, GaussianScene):
+        return scene
+    n = len(scene)
+    zeros = (np.zeros((n, 3), np.float32), np.zeros((n, 4), np.float32), np.zeros(n, np.float32))
+    return GaussianScene(scene.anchors, *zeros, np.zeros((n, 1, 3), np.float32))
+
+
+def _extents(drawn: GaussianScene | AnchorModel) -> tuple[F64, F64]:
+    """(N,) how far what an anchor stands for reaches from its place, world units; and (N,) about how much it shows."""
+    if isinstance(drawn, GaussianScene):
+        extents = _DEVIATIONS * np.exp(drawn.log_scales.max(axis=1).astype(np.float64))
+        return extents, extents**2 / (1 + np.exp(-drawn.opacity_logits.astype(np.float64)))
+    scaling = np.exp(drawn.log_scaling.astype(np.float64))
+    offsets = np.abs(drawn.offsets * scaling[:, None, :3]).max(axis=(1, 2), initial=0)
+    extents = offsets + scaling[:, 3:].max(axis=1)
+    return extents, extents**2
+
+
+def _boxes(scene: QuantisedScene, drawn: GaussianScene | AnchorModel) -> tuple[Levels, Levels, Levels]:
+    """Corners (T, 3), (T, 3) and reaches (T,) as the block has them."""
+    every = cubes(scene.fields, tile_table(scene.tiles))
+    corner, side = every[:, :3], every[:, 3] - every[:, 0]
+    tiles, positions, (extents, weight) = len(side), place_anchors(drawn).positions, _extents(drawn)
+    low, high, reach = np.zeros((tiles, 3), np.uint8), np.zeros((tiles, 3), np.uint8), np.zeros(tiles, np.uint8)
+    edges = np.cumsum([0, *map(len, scene.contents)])
+    for number in range(tiles):
+        part = slice(edges[number], edges[number + 1])
+        places = 256 * (positions[part] - corner[number]) / side[number]
+        if len(places) == 0:
+            continue
+        low[number] = np.clip(np.floor(places.min(axis=0)), 0, 255)
+        high[number] = np.clip(np.maximum(np.ceil(places.max(axis=0)) - 1, low[number]), 0, 255)
+        margin = np.minimum(places - low[number], high[number] + 1.0 - places).min(axis=1) * side[number] / 256
+        out = _quantile(np.maximum(extents[part] - margin, 0), weight[part] + 1e-300)
+        if out > 0:
+            reach[number] = np.clip(math.ceil(REACH_OF_SIDE + REACH_STEPS * math.log2(out / side[number])), 1, 255)
+    return low, high, reach
+
+
+def _quantile(values: F64, weights: F64) -> float:
+    """The least value that is not exceeded by :data:`_BULK` of the weights."""
+    order = np.argsort(values, kind="stable")
+    total = np.cumsum(weights[order])
+    return float(values[order][min(int(np.searchsorted(total, _BULK * total[-1])), len(order) - 1)])
+
+
+def _first_view(scene: GaussianScene, options: EncodeOptions) -> View:
+    """A view to begin with: that of the camera amid most of those given, else from outside and a little above."""
+    around = Surroundings.of(scene, options.frame)
+    if options.cameras:
+        camera = _middle_camera([camera for camera in options.cameras if camera.split != "test"] or options.cameras)
+    else:
+        eye = around.middle + _FIRST_DISTANCE * around.radius * around.direction(0.5, _FIRST_ELEVATION)
+        camera = around.camera(eye, around.middle, "first")
+    forward, down = camera.world_to_camera[2, :3], camera.world_to_camera[1, :3]
+    ahead = max(float((around.middle - camera.centre) @ forward), 0.1 * around.radius)
+    field = 2 * math.atan(camera.height / (2 * camera.fy))
+    return View(camera.centre, camera.centre + ahead * forward, -down, field)
+
+
+def _middle_camera(cameras: Sequence[Camera]) -> Camera:
+    """The camera from which the nearest eighth of all is least far."""
+    centres = np.array([camera.centre for camera in cameras])
+    nearest = len(cameras) // _NEIGHBOURHOOD
+    reached = [np.sort(np.linalg.norm(centres - centre, axis=1))[nearest] for centre in centres]
+    return cameras[int(np.argmin(reached))]

@@ -1,0 +1,377 @@
+"""Pictures of Gaussians on the CPU by the compiled library: project.c, bins.c, composite.c (docs/decisions/0034)."""
+
+from __future__ import annotations
+
+import ctypes
+import importlib.util
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from ctypes import POINTER, byref, c_double, c_float, c_int64, c_void_p, sizeof
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from typing import Any, cast
+
+import torch
+from torch import Tensor
+
+from scarfmt.errors import InvalidInput
+from scarfmt.render.camera import Camera
+from scarfmt.render.projection import FRUSTUM_MARGIN, MAX_ALPHA, MIN_ALPHA, MIN_TRANSMITTANCE
+
+
+@dataclass(frozen=True)
+class Gaussians:
+    """M Gaussians as a renderer wants them; float32, any of them with a gradient.
+
+    Attributes:
+        centres: (M, 3) world units.
+        scales: (M, 3) standard deviations along the axes, world units, positive.
+        rotations: (M, 4) quaternions w x y z of any length.
+        opacities: (M,) 0..1.
+        colours: (M, 3), 1 is white.
+    """
+
+    centres: Tensor
+    scales: Tensor
+    rotations: Tensor
+    opacities: Tensor
+    colours: Tensor
+
+    def tensors(self) -> tuple[Tensor, Tensor, Tensor, Tensor, Tensor]:
+        """All tensors, in this order."""
+        return self.centres, self.scales, self.rotations, self.opacities, self.colours
+
+
+INTERFACE = 2
+"""The number of the interface in composite.c."""
+TILE = 16
+"""Pixels of a tile, each way."""
+GRADIENTS = 9
+"""Numbers that the backward pass leaves for an intersection."""
+ELLIPSE, SPLAT = 6, 12
+"""Floats of an `Ellipse` and of a `Splat` of raster.h."""
+
+
+class Scene(ctypes.Structure):
+    """M Gaussians: `Scene` of raster.h."""
+
+    _fields_ = [(name, c_void_p) for name in ("centres", "scales", "rotations", "opacities", "colours")]
+
+
+class Lens(ctypes.Structure):
+    """A camera: `Lens` of raster.h."""
+
+    _fields_ = [
+        ("pose", c_double * 12),
+        *[(name, c_float) for name in ("fx", "fy", "cx", "cy", "width", "height", "near", "dilation")],
+        *[(name, c_float) for name in ("limit_x", "limit_y", "widest", "min_alpha")],
+    ]
+
+
+class Job(ctypes.Structure):
+    """The arguments of compositing: `Job` of composite.h, which describes each."""
+
+    _fields_ = [
+        *[(name, c_int64) for name in ("width", "height", "columns", "tiles")],
+        *[(name, c_float) for name in ("max_alpha", "min_alpha", "min_transmittance")],
+        ("background", c_float * 3),
+        *[(name, c_void_p) for name in ("splats", "offsets", "listed", "owners")],
+        *[(name, c_void_p) for name in ("image", "transmittance", "weights", "drawn", "towards", "gradients")],
+    ]
+
+
+_SPLATS = 4 * SPLAT
+_SIGNATURES: dict[str, tuple[type | None, list[type]]] = {
+    "scar_composite_interface": (c_int64, []),
+    "scar_composite_tile": (c_int64, []),
+    "scar_composite_structs": (c_int64, []),
+    "scar_composite": (None, [POINTER(Job), POINTER(c_int64)]),
+    "scar_composite_back": (None, [POINTER(Job), POINTER(c_int64)]),
+    "scar_composite_weights": (None, [*[c_void_p] * 3, c_int64, c_int64, c_void_p]),
+    "scar_composite_gather": (None, [*[c_void_p] * 4, c_int64, c_int64, *[c_void_p] * 4]),
+    "scar_project": (None, [POINTER(Scene), POINTER(Lens), c_int64, c_int64, *[c_void_p] * 3]),
+    "scar_project_back": (None, [POINTER(Scene), POINTER(Lens), c_int64, c_int64, *[c_void_p] * 6]),
+    "scar_nearest_first": (c_int64, [c_void_p, c_int64, *[c_void_p] * 3]),
+    "scar_arrange": (None, [POINTER(Scene), c_void_p, c_int64, c_int64, *[c_void_p] * 3]),
+    "scar_count_tiles": (None, [c_void_p, c_int64, c_int64, c_int64, *[c_void_p] * 3]),
+    "scar_list_tiles": (None, [c_void_p, c_int64, c_int64, *[c_void_p] * 3]),
+}
+
+
+@cache
+def load() -> ctypes.CDLL:
+    """The library with its functions declared.
+
+    Raises:
+        InvalidInput: ``input-dependency``: it was not built, or for another machine or version.
+    """
+    spec = importlib.util.find_spec("reference_encoder.training.raster.native")
+    if spec is None or spec.origin is None:
+        raise _absent(f"it was not built, {_failure()}")
+    try:
+        library = ctypes.CDLL(spec.origin)
+        for name, (result, arguments) in _SIGNATURES.items():
+            function = getattr(library, name)
+            function.restype, function.argtypes = result, arguments
+    except (OSError, AttributeError) as error:
+        raise _absent(f"it was built for another machine or version: {error}") from error
+    expected = INTERFACE, TILE, sizeof(Job) + sizeof(Lens) + sizeof(Scene) + _SPLATS
+    built = library.scar_composite_interface(), library.scar_composite_tile(), library.scar_composite_structs()
+    if built != expected:
+        raise _absent(f"it was built from another version: {built}, not {expected}")
+    return library
+
+
+def _failure() -> str:
+    """Why the build made no library, if it left word of that (setup.py)."""
+    try:
+        return Path(__file__).with_name("native.failed.txt").read_text().strip()
+    except OSError:
+        return "perhaps there was no C compiler"
+
+
+def _absent(why: str) -> InvalidInput:
+    advice = "install scarfmt anew where GCC or Clang is found"
+    return InvalidInput("input-dependency", f"training on the CPU needs the compiled rasteriser: {why}; {advice}")
+
+
+def pointer(tensor: Tensor, dtype: torch.dtype = torch.float32) -> int:
+    """Address of the numbers of a tensor.
+
+    Raises:
+        TypeError: they are of another type than `dtype`, not in one piece, or on another device.
+    """
+    if tensor.dtype != dtype or not tensor.is_contiguous() or tensor.device.type != "cpu":
+        raise TypeError(f"{tensor.dtype} of strides {tensor.stride()} on {tensor.device}, not {dtype} in C order")
+    return tensor.data_ptr()
+
+
+@cache
+def _pool(threads: int) -> ThreadPoolExecutor:
+    return ThreadPoolExecutor(threads, "raster")
+
+
+def on_threads(work: Callable[[int, int, int], None], count: int) -> None:
+    """Call `work` with (first, past, thread) of shares of `count` things on as many threads as torch uses, with this
+    one."""
+    threads = torch.get_num_threads()
+    shares = [(count * thread // threads, count * (thread + 1) // threads, thread) for thread in range(threads)]
+    others = [_pool(threads - 1).submit(work, *share) for share in shares[1:]]
+    work(*shares[0])
+    for other in others:
+        other.result()
+
+
+@dataclass(frozen=True)
+class Listing:
+    """I intersections of splats and tiles: numbered splat by splat, tiles row by row; listed tile by tile.
+
+    Attributes:
+        columns: tiles side by side.
+        offsets: (tiles + 1,) int64, where the list of a tile starts.
+        listed: (I,) int32 numbers, of a tile in the order of the splats.
+        owners: (I,) int32, the splats of those listed.
+        starts: (S + 1,) int64, the first number of each splat.
+    """
+
+    columns: int
+    offsets: Tensor
+    listed: Tensor
+    owners: Tensor
+    starts: Tensor
+
+
+@dataclass(frozen=True)
+class Prepared:
+    """S of M Gaussians show, and are numbered nearest first; of two as near, the first is.
+
+    Attributes:
+        means: (M, 2) float32 pixels, with a gradient.
+        ellipses: (S, 3) float32 across, slope, down (:mod:`.projection`), with a gradient.
+        which: (S,) int64 numbers among the M.
+        places: (M,) int32 numbers among the S, or -1.
+        splats: (S, 12) float32 rows as `Splat` of raster.h.
+        listing: in which tiles they may show.
+    """
+
+    means: Tensor
+    ellipses: Tensor
+    which: Tensor
+    places: Tensor
+    splats: Tensor
+    listing: Listing
+
+
+def _lens(camera: Camera) -> Lens:
+    limit_x, limit_y = FRUSTUM_MARGIN * camera.width / (2 * camera.fx), FRUSTUM_MARGIN * camera.height / (2 * camera.fy)
+    widest = max(camera.fx**2 * (1 + limit_x**2), camera.fy**2 * (1 + limit_y**2))
+    pose = (c_double * 12)(*camera.world_to_camera[:3].ravel().tolist())
+    size = camera.fx, camera.fy, camera.cx, camera.cy, camera.width, camera.height
+    return Lens(pose, *size, camera.near, camera.dilation, limit_x, limit_y, widest, MIN_ALPHA)
+
+
+_Packed = tuple[Gaussians, Scene, Lens]
+"""Gaussians and a camera as the library takes them; the first of the three keeps the memory."""
+
+
+def _pack(gaussians: Gaussians, camera: Camera) -> _Packed:
+    held = Gaussians(*(one.detach().contiguous() for one in gaussians.tensors()))
+    return held, Scene(*(pointer(one) for one in held.tensors())), _lens(camera)
+
+
+def _nearest_first(keys: Tensor) -> Tensor:
+    """(S,) int64: which of the (M,) keys are not those of unseen Gaussians, the nearest first."""
+    entries, which = torch.empty((2, len(keys)), dtype=torch.int64), torch.empty(len(keys), dtype=torch.int64)
+    rows = [pointer(one, torch.int64) for one in (*entries, which)]
+    return which[: load().scar_nearest_first(pointer(keys, torch.int32), len(keys), *rows)]
+
+
+def _listed(splats: Tensor, camera: Camera) -> Listing:
+    columns, rows = -(-camera.width // TILE), -(-camera.height // TILE)
+    spans = torch.empty((len(splats), 4), dtype=torch.int32)
+    starts, offsets = (torch.empty(count + 1, dtype=torch.int64) for count in (len(splats), columns * rows))
+    places = pointer(spans, torch.int32), pointer(starts, torch.int64), pointer(offsets, torch.int64)
+    load().scar_count_tiles(pointer(splats), len(splats), camera.width, camera.height, *places)
+    listed, owners = torch.empty((2, int(offsets[-1])), dtype=torch.int32)
+    fill = offsets.clone()
+    filled = pointer(fill, torch.int64), pointer(listed, torch.int32), pointer(owners, torch.int32)
+    load().scar_list_tiles(places[0], len(splats), columns, *filled)
+    return Listing(columns, offsets, listed, owners, starts)
+
+
+class _Projected(torch.autograd.Function):
+    """Means and ellipses as functions of what they were projected from."""
+
+    @staticmethod
+    def forward(
+        ctx: Any, centres: Tensor, scales: Tensor, rotations: Tensor, view: _Packed, places: Tensor, *built: Tensor
+    ) -> tuple[Tensor, ...]:
+        ctx.view, ctx.places = view, places
+        return built
+
+    @staticmethod
+    def backward(ctx: Any, to_means: Tensor, to_ellipses: Tensor) -> tuple[Tensor | None, ...]:
+        (held, scene, lens), count = ctx.view, len(ctx.places)
+        gradients = [torch.empty_like(one) for one in (held.centres, held.scales, held.rotations)]
+        towards = to_means.contiguous(), to_ellipses.contiguous()
+        rows = [pointer(ctx.places, torch.int32), *(pointer(one) for one in (*towards, *gradients))]
+
+        back = load().scar_project_back
+        on_threads(lambda first, past, _: back(scene, lens, first, past, *rows), count)
+        return *gradients, None, None, None, None
+
+
+def prepare(gaussians: Gaussians, camera: Camera) -> Prepared:
+    """Project M Gaussians, and list those that show by tiles.
+
+    Raises:
+        InvalidInput: ``input-dependency`` where the compiled library is missing.
+    """
+    library, view, count = load(), _pack(gaussians, camera), len(gaussians.centres)
+    _, scene, lens = view
+    means, ellipses = torch.empty(count, 2), torch.empty(count, ELLIPSE)
+    keys = torch.empty(count, dtype=torch.int32)
+    filled = pointer(means), pointer(keys, torch.int32), pointer(ellipses)
+    on_threads(lambda first, past, _: library.scar_project(scene, lens, first, past, *filled), count)
+    which = _nearest_first(keys)
+    splats = torch.empty(len(which), SPLAT)
+    rows = pointer(means), pointer(ellipses), pointer(splats)
+    order = pointer(which, torch.int64)
+    on_threads(lambda first, past, _: library.scar_arrange(scene, order, first, past, *rows), len(which))
+    places = torch.full((count,), -1, dtype=torch.int32)
+    places[which] = torch.arange(len(which), dtype=torch.int32)
+    inputs = gaussians.centres, gaussians.scales, gaussians.rotations, view, places
+    made = _Projected.apply(*inputs, means, splats[:, 2:5].clone())  # type: ignore[no-untyped-call]
+    means, shapes = cast(tuple[Tensor, Tensor], made)
+    return Prepared(means, shapes, which, places, splats, _listed(splats, camera))
+
+
+def _job(camera: Camera, prepared: Prepared, background: Tensor) -> Job:
+    listing = prepared.listing
+    job = Job(width=camera.width, height=camera.height, columns=listing.columns, tiles=len(listing.offsets) - 1)
+    job.max_alpha, job.min_alpha, job.min_transmittance = MAX_ALPHA, MIN_ALPHA, MIN_TRANSMITTANCE
+    job.background = (c_float * 3)(*background.tolist())
+    job.splats, job.offsets = pointer(prepared.splats), pointer(listing.offsets, torch.int64)
+    job.listed, job.owners = pointer(listing.listed, torch.int32), pointer(listing.owners, torch.int32)
+    return job
+
+
+def _on_tiles(name: str, job: Job) -> None:
+    """Have all threads take tiles from one counter until none is left."""
+    counter, function = c_int64(0), getattr(load(), name)
+    on_threads(lambda *_: function(byref(job), byref(counter)), job.tiles)
+
+
+def _weights(prepared: Prepared, parts: Tensor) -> Tensor:
+    """(M,) sums of the (I,) weights of each Gaussian."""
+    sums = torch.zeros(len(prepared.places))
+    starts, which = pointer(prepared.listing.starts, torch.int64), pointer(prepared.which, torch.int64)
+    rows, add, out = (pointer(parts), starts, which), load().scar_composite_weights, pointer(sums)
+    on_threads(lambda first, past, _: add(*rows, first, past, out), len(prepared.which))
+    return sums
+
+
+def _gather(prepared: Prepared, parts: Tensor) -> tuple[Tensor, Tensor, Tensor, Tensor]:
+    """Gradients of (S, 3) ellipses, (M, 2) means, (M,) opacities, (M, 3) colours from the (I, 9) of intersections."""
+    count, seen = len(prepared.places), len(prepared.which)
+    sums = torch.empty(seen, 3), torch.zeros(count, 2), torch.zeros(count), torch.zeros(count, 3)
+    starts, which = pointer(prepared.listing.starts, torch.int64), pointer(prepared.which, torch.int64)
+    rows, out = (pointer(parts), starts, which, pointer(prepared.splats)), [pointer(one) for one in sums]
+    on_threads(lambda first, past, _: load().scar_composite_gather(*rows, first, past, *out), seen)
+    return sums
+
+
+class _Composite(torch.autograd.Function):
+    """:func:`composite` as a function of tensors."""
+
+    @staticmethod
+    def forward(
+        ctx: Any,
+        means: Tensor,
+        ellipses: Tensor,
+        opacities: Tensor,
+        colours: Tensor,
+        background: Tensor,
+        prepared: Prepared,
+        camera: Camera,
+    ) -> tuple[Tensor, Tensor]:
+        image, left = torch.empty(camera.height, camera.width, 3), torch.empty(camera.height, camera.width)
+        parts = torch.empty(len(prepared.listing.listed))
+        drawn = torch.empty(len(prepared.listing.offsets) - 1, dtype=torch.int32)
+        job = _job(camera, prepared, background)
+        job.image, job.transmittance, job.weights = pointer(image), pointer(left), pointer(parts)
+        job.drawn = pointer(drawn, torch.int32)
+        _on_tiles("scar_composite", job)
+        weights = _weights(prepared, parts)
+        ctx.save_for_backward(background, image)
+        ctx.state = left, drawn, prepared, camera
+        ctx.mark_non_differentiable(weights)
+        return image, weights
+
+    @staticmethod
+    def backward(ctx: Any, towards: Tensor, _: Tensor) -> tuple[Tensor | None, ...]:
+        background, image = ctx.saved_tensors
+        left, drawn, prepared, camera = ctx.state
+        towards = towards.contiguous()
+        parts = torch.empty(len(prepared.listing.listed), GRADIENTS)
+        job = _job(camera, prepared, background)
+        job.image, job.drawn = pointer(image), pointer(drawn, torch.int32)
+        job.towards, job.gradients = pointer(towards), pointer(parts)
+        _on_tiles("scar_composite_back", job)
+        to_ellipses, to_means, to_opacities, to_colours = _gather(prepared, parts)
+        to_background = (towards * left[..., None]).sum((0, 1)) if ctx.needs_input_grad[4] else None
+        return to_means, to_ellipses, to_opacities, to_colours, to_background, None, None
+
+
+def composite(prepared: Prepared, gaussians: Gaussians, background: Tensor, camera: Camera) -> tuple[Tensor, Tensor]:
+    """The picture, (H, W, 3) with a gradient, and (M,) sums of alpha times transmittance, without.
+
+    Args:
+        prepared: what shows of the Gaussians, and where.
+        gaussians: M of them; gradients of opacities and colours arrive there.
+        background: (3,) colour behind everything.
+        camera: gives the size of the picture.
+    """
+    inputs = prepared.means, prepared.ellipses, gaussians.opacities, gaussians.colours, background
+    return cast(tuple[Tensor, Tensor], _Composite.apply(*inputs, prepared, camera))  # type: ignore[no-untyped-call]

@@ -1,0 +1,85 @@
+"""Inputs that are no scene: packed ones are unpacked, others are named."""
+
+from __future__ import annotations
+
+import gzip
+import zlib
+from pathlib import PurePosixPath
+
+from scarfmt.container.schema import SIGNATURE
+from scarfmt.errors import InvalidInput, LimitExceeded
+from scarfmt.formats.source import BYTES_PER_BYTE, FREE_BYTES, Source, is_zip, member_names, open_archive
+
+_GZIP = b"\x1f\x8b"
+_SCENES = (".ply", ".spz", ".splat", ".ksplat", ".sog", ".glb")
+_PAGE = "a web page or XML; download the file itself"
+_KINDS = (
+    (SIGNATURE, "a .scar file; use 'scarfmt decode'"),
+    (b"PXR-USDC", "USD, which is not read; export the scene as a PLY"),
+    (b"#usda", "USD, which is not read; export the scene as a PLY"),
+    (b"RAD0", "Spark's .rad, which is not read; give the file it was made from"),
+    (b"7z\xbc\xaf", "a 7z archive; unpack it"),
+    (b"Rar!", "a RAR archive; unpack it"),
+    (b"version https://git-lfs", "a pointer of Git LFS; run 'git lfs pull'"),
+    (b"LASF", "a LAS point cloud without Gaussians; give a trained scene"),
+    (b"ASTM-E57", "an E57 point cloud without Gaussians; give a trained scene"),
+    (b"\x89PNG", "a picture"),
+    (b"\xff\xd8\xff", "a picture"),
+    (b"<!doctype html", _PAGE),
+    (b"<html", _PAGE),
+    (b"<?xml", _PAGE),
+)
+"""How content begins, in lower case or as it is, what it is and what helps."""
+
+
+def unpack(source: Source) -> Source:
+    """The content of a gzip file, or the only scene of a ZIP archive.
+
+    Raises:
+        InvalidInput: damaged; ``input-format``: none or several scenes in the archive.
+        LimitExceeded: ``input-limit``: it unpacks to more than a scene would.
+    """
+    if source.head(2) == _GZIP:
+        return Source(_inflate(source), source.name.removesuffix(".gz"))
+    with open_archive(source) as archive:
+        names = member_names(source)
+        scenes = [name for name in names if name.lower().endswith(_SCENES)]
+        if len(scenes) != 1:
+            raise InvalidInput("input-format", f"{source.name}: a ZIP archive with {_contents(names, scenes)}")
+        return Source(archive.read(scenes[0]), f"{source.name}/{scenes[0]}")
+
+
+def is_packed(source: Source) -> bool:
+    """Whether the content is gzip or a ZIP archive; some formats are, too."""
+    return source.head(2) == _GZIP or is_zip(source)
+
+
+def kind_of(source: Source) -> str:
+    """What an unknown input is, for people; empty where nothing is known of it."""
+    head = source.head(64).lstrip()
+    if not source.size:
+        return "an empty file"
+    return next((kind for start, kind in _KINDS if start in (head[: len(start)], head[: len(start)].lower())), "")
+
+
+def _contents(names: tuple[str, ...], scenes: list[str]) -> str:
+    if scenes:
+        return f"{len(scenes)} scenes, {', '.join(scenes[:3])}; unpack it, and give one"
+    if any(PurePosixPath(name).suffix in (".usd", ".usda", ".usdc") for name in names):
+        return "USD, which is not read; export the scene as a PLY"
+    if any(name.endswith("data.pkl") for name in names):
+        return "a checkpoint of PyTorch; export the scene from its trainer as a PLY"
+    return f"no scene in it: {', '.join(names[:3]) or 'nothing'}; expected one of {', '.join(_SCENES)}"
+
+
+def _inflate(source: Source) -> bytes:
+    most = FREE_BYTES + BYTES_PER_BYTE * source.size
+    try:
+        with source.open() as stream, gzip.GzipFile(fileobj=stream) as packed:
+            data = packed.read(most + 1)
+    except (OSError, EOFError, zlib.error) as error:
+        raise source.corrupt(f"damaged gzip stream ({error})") from error
+    if len(data) > most:
+        message = f"{source.name}: {source.size} bytes that unpack to more than those of a scene would"
+        raise LimitExceeded("input-limit", message)
+    return data

@@ -1,0 +1,108 @@
+"""The compiled library: found, loaded, and its functions declared as in ``scar.h``."""
+
+from __future__ import annotations
+
+import ctypes
+import importlib.util
+import os
+from ctypes import POINTER, c_char_p, c_double, c_int32, c_int64, c_uint32, c_void_p
+from functools import cache
+from pathlib import Path
+
+INTERFACE = 7
+"""The number of the interface in ``scar.h``."""
+FAILURE = Path(__file__).with_name("native.failed.txt")
+"""Left by a build that failed (setup.py)."""
+
+
+class SceneRows(ctypes.Structure):
+    """Addresses of the rows of a scene that a tile's Gaussians go to."""
+
+    _fields_ = tuple((name, c_void_p) for name in ("positions", "log_scales", "quaternions", "logits", "harmonics"))
+
+
+_SIGNATURES: dict[str, tuple[type | None, list[type]]] = {
+    "scar_interface": (c_int32, []),
+    "scar_open": (c_void_p, [*[c_int32] * 4, *[c_double] * 5]),
+    "scar_share": (c_void_p, [c_void_p]),
+    "scar_close": (None, [c_void_p]),
+    "scar_block": (c_int32, [c_void_p, c_int32, c_int32, c_char_p, c_int32]),
+    "scar_models": (c_int32, [c_void_p, c_int32, c_int32]),
+    "scar_tile": (c_void_p, [c_void_p, c_int32, c_int32, c_uint32, c_uint32]),
+    "scar_advance": (c_void_p, [c_void_p, c_void_p, c_char_p, c_int32, c_int32, c_int32]),
+    "scar_release": (None, [c_void_p]),
+    "scar_tile_count": (c_int32, [c_void_p]),
+    "scar_values": (c_void_p, [c_void_p, c_void_p, c_int32, c_int32]),
+    "scar_scene": (c_int32, [c_void_p, c_void_p, POINTER(SceneRows)]),
+    "scar_model_number": (c_int32, [c_void_p, c_int32, c_int32]),
+    "scar_work": (c_double, [c_void_p, c_void_p, c_int64, c_int64]),
+    "scar_refusal": (c_char_p, [c_void_p]),
+    "scar_rans_encode": (c_int64, [c_void_p, c_void_p, c_int64, c_void_p]),
+}
+
+
+class Absent(Exception):
+    """No compiled library can be used; the message gives the reason."""
+
+
+@cache
+def absence() -> str | None:
+    """Why this process does not use the compiled library; None where it does.
+
+    ``SCARFMT_NATIVE=0`` in the environment, read once, leaves it unused.
+    """
+    if os.environ.get("SCARFMT_NATIVE") == "0":
+        return "it is turned off by SCARFMT_NATIVE=0"
+    try:
+        load()
+    except Absent as error:
+        return str(error)
+    return None
+
+
+def library() -> ctypes.CDLL | None:
+    """The library; None where it is absent."""
+    return load() if absence() is None else None
+
+
+def described() -> str:
+    """The decoder of this process by name, and why it is not the faster one."""
+    return "native" if absence() is None else f"numpy (no native library: {absence()})"
+
+
+@cache
+def load() -> ctypes.CDLL:
+    """The library with its functions declared.
+
+    Raises:
+        Absent: it was not built, or for another machine or version.
+    """
+    spec = importlib.util.find_spec("scarfmt.native.native")
+    if spec is None or spec.origin is None:
+        raise Absent(f"it was not built: {_failure()}")
+    return opened(spec.origin)
+
+
+def _failure() -> str:
+    """Why the build made no library, if it left word of that."""
+    try:
+        return FAILURE.read_text().strip()
+    except OSError:
+        return "perhaps there was no C compiler when scarfmt was installed"
+
+
+def opened(path: str) -> ctypes.CDLL:
+    """The library in a file, as :func:`load` gives it."""
+    try:
+        found = ctypes.CDLL(path)
+    except OSError as error:
+        raise Absent(f"it cannot be loaded, perhaps it was built for another machine: {error}") from error
+    try:
+        for name, (result, arguments) in _SIGNATURES.items():
+            function = getattr(found, name)
+            function.restype, function.argtypes = result, arguments
+    except AttributeError as error:
+        raise Absent("it was built from another version: a function is missing") from error
+    if found.scar_interface() != INTERFACE:
+        raise Absent(f"it was built from another version: interface {found.scar_interface()}, not {INTERFACE}")
+    return found

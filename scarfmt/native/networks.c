@@ -1,0 +1,108 @@
+/* DECODER_MLP, SCENE_MLP and CODEBOOKS blocks (SPEC 7.8, 7.9). */
+
+#include "tile.h"
+#include "zstd.h"
+
+#define MOST_CONTENT (16ll << 20)
+#define MOST_WIDTH 1024
+#define MOST_CODEWORDS 4096
+#define MOST_WORD 65535
+#define MOST_NETWORKS 8
+
+/* n finite numbers, and zeros up to `room`. */
+static float *read_finite(Reader *reader, Pool *pool, int64_t n, int64_t room) {
+    float *numbers = pool_zeros(pool, 4 * room);
+    int finite = 1;
+    for (int64_t i = 0; i < n; i++) {
+        numbers[i] = read_f32(reader);
+        finite &= __builtin_isfinite(numbers[i]) != 0;
+    }
+    demand(finite, "bad-mlp");
+    return numbers;
+}
+
+static void read_mlp_layer(Reader *reader, Pool *pool, int64_t inputs, MlpLayer *out) {
+    out->rows = read_count(reader, MOST_WIDTH);
+    demand(out->rows >= 1, "bad-mlp");
+    out->columns = read_count(reader, MOST_WIDTH);
+    demand(out->columns >= 1 && (!inputs || inputs == out->columns), "bad-mlp");
+    const int64_t width = read_u8(reader), n = out->rows * out->columns;
+    demand(width == 1 || width == 2, "bad-mlp");
+    const uint8_t *bytes = read_bytes(reader, n * width);
+    out->stride = fours(out->rows);
+    const float *scales = read_finite(reader, pool, out->rows, out->rows);
+    out->biases = read_finite(reader, pool, out->rows, out->stride);
+    float *weights = pool_zeros(pool, 4 * out->columns * out->stride);
+    for (int64_t i = 0; i < n; i++) {
+        const int32_t weight = width == 1 ? (int8_t)bytes[i] : (int16_t)(bytes[2 * i] | bytes[2 * i + 1] << 8);
+        const int64_t row = i / out->columns, column = i % out->columns;
+        weights[column * out->stride + row] = (float)((double)weight * (double)scales[row]);
+    }
+    out->weights = weights;
+#if !defined(__wasm__)
+    double *exact = pool_take(pool, 8 * n);
+    for (int64_t i = 0; i < n; i++) {
+        const int32_t weight = width == 1 ? (int8_t)bytes[i] : (int16_t)(bytes[2 * i] | bytes[2 * i + 1] << 8);
+        exact[i] = (double)weight * (double)scales[i / out->columns];
+    }
+    out->exact = exact;
+#endif
+}
+
+static void read_mlp(Reader *reader, Pool *pool, Mlp *out) {
+    out->layers = read_count(reader, MOST_MLP_LAYERS);
+    demand(out->layers >= 1, "bad-mlp");
+    for (int64_t l = 0; l < out->layers; l++)
+        read_mlp_layer(reader, pool, l ? out->layer[l - 1].rows : 0, out->layer + l);
+}
+
+/* The networks of a block, the first `most` of them into `out`; returns how many it holds. */
+int64_t read_networks(Model *m, Body block, Mlp *out, int64_t most) {
+    const FrameHeader header = zstd_header(block.bytes, block.length, MOST_CONTENT);
+    const Content content = zstd_content(block.bytes, block.length, header, &layer_scratch);
+    Reader reader = {content.bytes, content.length, 0};
+    const int64_t count = read_count(&reader, MOST_NETWORKS);
+    for (int64_t i = 0; i < count; i++) {
+        Mlp other;
+        read_mlp(&reader, &m->pool, i < most ? out + i : &other);
+    }
+    read_end(&reader);
+    return count;
+}
+
+static const int32_t *read_words(Reader *reader, Pool *pool, int64_t size, int64_t dims) {
+    int32_t *words = pool_take(pool, 4 * size * dims), column[MOST_CODEWORDS];
+    for (int64_t d = 0; d < dims; d++) {
+        int fits = 1;
+        read_rice(reader, size, column);
+        for (int64_t i = 0; i < size; i++) {
+            fits &= column[i] >= -MOST_WORD && column[i] <= MOST_WORD;
+            words[i * dims + d] = column[i];
+        }
+        demand(fits, "bad-codebook");
+    }
+    return words;
+}
+
+/* The CODEBOOKS block of layer k, if books stand in it (R-7.8-1, R-7.8-2). */
+void read_codebooks(Model *m, int64_t k) {
+    const Body block = m->blocks[k][CODEBOOKS_BLOCK];
+    int64_t found = 0, before = -1, wanted = 0;
+    for (int64_t b = 0; b < BOOKS; b++) wanted |= (int64_t)(m->book_layer[b] == k) << b;
+    if (!wanted) return;
+    demand(block.bytes != NULL, "missing-block");
+    Reader reader = {block.bytes, block.length, 0};
+    const int64_t dims = read_count(&reader, MOST_COMPONENTS);
+    demand(dims >= 1, "bad-codebook");
+    const int64_t count = read_count(&reader, BOOKS);
+    demand(count >= 1, "bad-codebook");
+    for (int64_t i = 0; i < count; i++) {
+        const int64_t number = read_u8(&reader), size = read_count(&reader, MOST_CODEWORDS);
+        demand(number < BOOKS && number > before && size >= 1, "bad-codebook");
+        const int32_t *words = read_words(&reader, &m->pool, size, dims);
+        if (wanted >> number & 1) m->books[number] = (Book){size, dims, words};
+        found |= 1ll << number, before = number;
+    }
+    read_end(&reader);
+    demand(found == wanted, "bad-codebook");
+}

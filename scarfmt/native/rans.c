@@ -1,0 +1,127 @@
+/* The inner loops of rANS decoding (SPEC 8.1-8.3): what scarfmt/entropy defines. */
+
+#include "products.h"
+#include "rans.h"
+
+#define NEVER (-(1 << 25)) /* so far below all logits that there is no weight */
+
+/* Takes the first state from the end of the words. */
+void scar_rans_open(Rans *rans) {
+    rans->state = 0;
+    refill(rans);
+    refill(rans);
+}
+
+/* The order of n symbols by ascending kind; counts[k] is then where kind k ends. ALL_READ, or a kind without table. */
+static int64_t sorted_by_kind(const Tables *tables, const uint16_t *kind, int64_t n, int64_t *counts, int32_t *order) {
+    const int64_t kinds = tables->kinds;
+    for (int64_t k = 0; k <= kinds; k++) counts[k] = 0;
+    for (int64_t i = 0; i < n; i++) {
+        if (kind[i] >= kinds) return kind[i];
+        counts[kind[i] + 1]++;
+    }
+    for (int64_t k = 0; k < kinds; k++)
+        if (counts[k + 1] && tables->number[k] < 0) return k;
+    for (int64_t k = 0; k < kinds; k++) counts[k + 1] += counts[k];
+    for (int64_t i = 0; i < n; i++) order[counts[kind[i]]++] = (int32_t)i;
+    return ALL_READ;
+}
+
+/* Values of n symbols that travel grouped by ascending kind, their order kept within a group.
+
+counts: kinds + 1 numbers of scratch; order: n of them. Returns ALL_READ, or the least kind that occurs and has no
+table; nothing is then read. */
+int64_t scar_rans_grouped(Rans *rans, const Tables *tables, const uint16_t *kind, int64_t n, int64_t *counts,
+                                 int32_t *order, int32_t *out) {
+    const int64_t missing = sorted_by_kind(tables, kind, n, counts, order);
+    if (missing != ALL_READ) return missing;
+    /* In registers: through memory, each symbol would wait for the one before. */
+    Rans local = *rans;
+    int64_t at = 0;
+    for (int64_t k = 0; k < tables->kinds; k++) {
+        const int64_t past = counts[k];
+        if (at == past) continue;
+        const int64_t table = tables->number[k], first = tables->starts[table];
+        const uint32_t size = (uint32_t)(tables->starts[table + 1] - first);
+        const uint32_t *c = tables->sums + first + table;
+        const int32_t *alphabet = tables->values + first;
+        if (size <= 3)
+            for (const FewSymbols few = tables->few[table]; at < past; at++) out[order[at]] = few_symbols(&local, &few);
+        else
+            for (; at < past; at++) out[order[at]] = alphabet[table_symbol(&local, c, size)];
+    }
+    *rans = local;
+    return ALL_READ;
+}
+
+/* n symbols of the uniform table of `size` symbols, 2 <= size <= 4096. */
+void scar_rans_uniform(Rans *rans, uint32_t size, int64_t n, int32_t *out) {
+    const uint64_t spare = TOTAL - size;
+    for (int64_t i = 0; i < n; i++) {
+        const uint32_t slot = (uint32_t)rans->state & SLOT_MASK;
+        /* The symbol, or one before it: c_s <= s 2^24 / size <= slot. */
+        uint32_t s = (uint32_t)((uint64_t)slot * size >> PRECISION);
+        uint32_t first = edge(s, spare, size, s), past = edge(s + 1, spare, size, s + 1);
+        while (past <= slot) first = past, s++, past = edge(s + 1, spare, size, s + 1);
+        advance(rans, slot, first, past);
+        out[i] = (int32_t)s;
+    }
+}
+
+/* Weights of the table of one anchor's members, from their logits; returns their sum. */
+INLINE uint64_t member_weights(const int32_t *logits, int64_t blocks, const uint32_t *exp2, uint32_t *weights) {
+    int32_t most[BLOCK];
+    memcpy(most, logits, sizeof most);
+    for (int64_t b = 1; b < blocks; b++) raise_lanes(most, logits + b * BLOCK);
+    int32_t top = most[0];
+    for (int j = 1; j < BLOCK; j++) top = most[j] > top ? most[j] : top;
+    for (int j = 0; j < BLOCK; j++) most[j] = top;
+    for (int64_t b = 0; b < blocks; b++) exp2_lanes(exp2, logits + b * BLOCK, most, weights + b * BLOCK);
+    uint64_t total = 0;
+    for (int64_t m = 0; m < blocks * BLOCK; m++) total += weights[m];
+    return total;
+}
+
+/* Members that n anchors chose in their clusters: clusters ascend, the order of anchors is kept in each, and a cluster
+of one member takes no symbol (SPEC 10.5).
+
+cluster: (n), below members->clusters. o: (n, words). counts: clusters + 1 numbers of scratch, order: n, logits and
+weights: largest * BLOCK each. */
+WIDE void scar_rans_members(Rans *rans, const Members *members, const int64_t *cluster, const int32_t *o,
+                                   int64_t n, const uint32_t *exp2, int64_t *counts, int64_t *order, int32_t *logits,
+                                   uint32_t *weights, int32_t *out) {
+    const Products *products = products_at_hand();
+    Rans local = *rans;
+    for (int64_t k = 0; k <= members->clusters; k++) counts[k] = 0;
+    for (int64_t i = 0; i < n; i++) counts[cluster[i] + 1]++;
+    for (int64_t k = 0; k < members->clusters; k++) counts[k + 1] += counts[k];
+    for (int64_t i = 0; i < n; i++) order[counts[cluster[i]]++] = i;
+    for (int64_t i = 0; i < n; i++) {
+        const int64_t anchor = order[i], chosen = cluster[anchor], place = members->places[chosen];
+        const int64_t size = members->starts[chosen + 1] - members->starts[chosen];
+        out[anchor] = 0;
+        if (size < 2) continue;
+        const int64_t blocks = members->places[chosen + 1] - place;
+        products->members(members, place, blocks, o + anchor * members->words, logits);
+        for (int64_t m = size; m < blocks * BLOCK; m++) logits[m] = NEVER;
+        const uint64_t total = member_weights(logits, blocks, exp2, weights);
+        out[anchor] = (int32_t)weighted(&local, weights, 1, total, (uint32_t)size);
+    }
+    *rans = local;
+}
+
+/* Of Python alone. Codes n symbols by where each lies in its table, first <= slot < past, the last one first; `words` has room for n + 2. Returns how many were written (SPEC 8.2). */
+EXPORT int64_t scar_rans_encode(const uint32_t *first, const uint32_t *past, int64_t n, uint32_t *words) {
+    uint64_t state = 0;
+    int64_t count = 0;
+    for (int64_t i = n; i--;) {
+        const uint64_t frequency = past[i] - first[i];
+        if (state >> (64 - PRECISION) >= frequency) {
+            words[count++] = (uint32_t)state;
+            state >>= 32;
+        }
+        state = (state / frequency << PRECISION) + state % frequency + first[i];
+    }
+    for (; state; state >>= 32) words[count++] = (uint32_t)state;
+    return count;
+}

@@ -1,0 +1,200 @@
+/* TABLES blocks (SPEC 8.1, 8.3), and the tables of a step side by side as the kernel reads them. */
+
+#include <string.h>
+
+#include "tile.h"
+#include "rans.h"
+#include "steps.h"
+#include "zstd.h"
+
+#define MOST_TABLES 65536
+#define MOST_ALPHABET 4096
+#define MOST_CONTENT (64ll << 20)
+#define CONTENT_PER_BYTE 8
+#define CONTENT_AT_LEAST (1ll << 20)
+#define LARGEST 2147483647
+#define FEW 3
+
+/* Cumulative frequencies of weights (SPEC 8.1). */
+static void put_sums(const uint32_t *weights, int64_t n, uint32_t *sums) {
+    uint64_t total = 0, sum = 0;
+    for (int64_t i = 0; i < n; i++) total += weights[i];
+    for (int64_t i = 0; i < n; sum += weights[i++])
+        sums[i] = (uint32_t)(sum * (uint64_t)(TOTAL - n) / total + (uint64_t)i);
+    sums[n] = TOTAL;
+}
+
+static void read_record(Reader *reader, Pool *pool, StaticTable *out, uint32_t *weights) {
+    const int64_t size = read_count(reader, MOST_ALPHABET);
+    demand(size >= 1, "bad-table");
+    int32_t *values = pool_take(pool, 4 * size);
+    uint32_t *sums = pool_take(pool, 4 * (size + 1));
+    int64_t value = read_svarint(reader, 33);
+    for (int64_t i = 0; i < size; i++) {
+        if (i) value += (int64_t)read_varint(reader, 32) + 1;
+        demand(value >= -LARGEST && value <= LARGEST, "bad-table");
+        values[i] = (int32_t)value;
+    }
+    for (int64_t i = 0; i < size; i++) {
+        weights[i] = (uint32_t)read_varint(reader, 24);
+        demand(weights[i] >= 1, "bad-table");
+    }
+    put_sums(weights, size, sums);
+    out->size = (int32_t)size, out->values = values, out->sums = sums;
+}
+
+/* The tables of a layer and those of the layer before, where the layer has none of their key (R-8.3-2). */
+static void merge_tables(Model *m, int64_t k, const StaticTable *added, int64_t count) {
+    const TablesInForce *before = m->tables + k - 1;
+    TablesInForce *out = m->tables + k;
+    out->tables = pool_take(&m->pool, (int64_t)sizeof *out->tables * (before->count + count));
+    out->count = 0;
+    for (int64_t i = 0, j = 0; i < before->count || j < count;) {
+        const int old = j == count || (i < before->count && before->tables[i]->key < added[j].key);
+        i += !old && i < before->count && before->tables[i]->key == added[j].key;
+        out->tables[out->count++] = old ? before->tables[i++] : added + j++;
+    }
+}
+
+/* The TABLES block of layer k, if it has one. */
+void read_tables(Model *m, int64_t k) {
+    const Body block = m->blocks[k][TABLES_BLOCK];
+    uint32_t weights[MOST_ALPHABET];
+    if (!block.bytes) {
+        m->tables[k] = m->tables[k - 1];
+        return;
+    }
+    const FrameHeader header = zstd_header(block.bytes, block.length, MOST_CONTENT);
+    m->table_content += header.content;
+    demand(m->table_content <= CONTENT_AT_LEAST + CONTENT_PER_BYTE * m->file_length, "limit-expansion");
+    const Content content = zstd_content(block.bytes, block.length, header, &layer_scratch);
+    Reader reader = {content.bytes, content.length, 0};
+    const int64_t count = read_count(&reader, MOST_TABLES);
+    StaticTable *added = pool_take(&m->pool, (int64_t)sizeof *added * count);
+    int64_t before = -1;
+    for (int64_t i = 0; i < count; before = added[i++].key) {
+        added[i].key = (uint32_t)read_varint(&reader, 32);
+        demand(added[i].key > before, "bad-table");
+        read_record(&reader, &m->pool, added + i, weights);
+    }
+    read_end(&reader);
+    merge_tables(m, k, added, count);
+}
+
+/* The first table in force of a key not below this one. */
+static int64_t find_table(const TablesInForce *tables, uint32_t key) {
+    int64_t low = 0, high = tables->count;
+    while (low < high) {
+        const int64_t middle = (low + high) / 2;
+        if (tables->tables[middle]->key < key) low = middle + 1; else high = middle;
+    }
+    return low;
+}
+
+static FewSymbols few_of(const StaticTable *table) {
+    const int64_t n = table->size;
+    if (n > FEW) return (FewSymbols){0};
+    const uint32_t second = n > 1 ? table->sums[1] : TOTAL, third = n > 2 ? table->sums[2] : TOTAL;
+    const int32_t apart = (int32_t)(third - second);
+    return (FewSymbols){second, third, apart, apart - (int32_t)second, (int32_t)(TOTAL - third) - apart,
+                        {table->values[0], table->values[n > 1 ? 1 : 0], table->values[n - 1]}};
+}
+
+/* Gathers the tables of some components of a step; with `out`, into its arrays. Returns tables and values. */
+static void gather(const TablesInForce *all, uint32_t key, int64_t component, Tables *out, int64_t *tables,
+                   int64_t *values) {
+    for (int64_t at = find_table(all, key); at < all->count && all->tables[at]->key < key + KINDS; at++) {
+        const StaticTable *table = all->tables[at];
+        if (out) {
+            const int64_t kind = component * KINDS + (table->key - key);
+            ((int32_t *)out->number)[kind] = (int32_t)*tables;
+            ((FewSymbols *)out->few)[*tables] = few_of(table);
+            ((int64_t *)out->starts)[*tables] = *values;
+            memcpy((int32_t *)out->values + *values, table->values, 4 * (size_t)table->size);
+            memcpy((uint32_t *)out->sums + *values + *tables, table->sums, 4 * (size_t)(table->size + 1));
+        }
+        *tables += 1, *values += table->size;
+    }
+}
+
+/* The tables in force in layer k of a step of components first.. of a stream. */
+const Tables *pack_tables(Model *m, int64_t k, int64_t stream, int64_t first, int64_t components, int64_t step) {
+    const TablesInForce *all = m->tables + k;
+    const uint32_t key = (uint32_t)(stream << 24 | first << 16 | step << 8);
+    int64_t tables = 0, values = 0;
+    Tables *out = pool_take(&m->pool, sizeof *out);
+    for (int64_t c = 0; c < components; c++) gather(all, key + (uint32_t)(c << 16), c, NULL, &tables, &values);
+    out->kinds = components * KINDS;
+    int32_t *number = pool_take(&m->pool, 4 * out->kinds);
+    memset(number, 255, 4 * (size_t)out->kinds);
+    out->number = number;
+    out->few = pool_take(&m->pool, (int64_t)sizeof *out->few * tables);
+    int64_t *starts = pool_take(&m->pool, 8 * (tables + 1));
+    out->starts = starts;
+    out->values = pool_take(&m->pool, 4 * values);
+    out->sums = pool_take(&m->pool, 4 * (values + tables));
+    tables = values = 0;
+    for (int64_t c = 0; c < components; c++) gather(all, key + (uint32_t)(c << 16), c, out, &tables, &values);
+    starts[tables] = values;
+    return out;
+}
+
+/* The steps of a channel that some class may receive in layer k. */
+static void find_steps(Model *m, int64_t k, int64_t channel) {
+    const int64_t *before = m->rows[k - 1].steps[channel], *after = m->rows[k].steps[channel];
+    int64_t start = 0, stop = 0;
+    for (int64_t c = 0; c < MOST_CLASSES; c++) {
+        if (before[c] >= after[c]) continue;
+        if (!start || before[c] + 1 < start) start = before[c] + 1;
+        if (after[c] + 1 > stop) stop = after[c] + 1;
+    }
+    m->layer[k].start[channel] = start ? start : 1, m->layer[k].stop[channel] = start ? stop : 1;
+}
+
+/* Predictors of a step, all components side by side; NULL where none has one. */
+static const Predictor *pack_predictors(Model *m, int64_t k, int64_t channel, int64_t step) {
+    const PredictorsInForce *all = m->predictors + k;
+    Predictor *out = NULL;
+    for (int64_t i = 0; i < all->count; i++) {
+        const PredictorModel *predictor = all->predictors[i];
+        if (predictor->stream != m->channel[channel].stream || predictor->step != step) continue;
+        if (!out) out = pool_zeros(&m->pool, (int64_t)sizeof *out * m->channel[channel].components);
+        out[predictor->component] = predictor->packed;
+    }
+    return out;
+}
+
+static void pack_channel(Model *m, int64_t k, int64_t channel) {
+    LayerModel *layer = m->layer + k;
+    const ChannelModel *model = m->channel + channel;
+    find_steps(m, k, channel);
+    if (model->stream == OFFSETS) layer->start[channel] = 1, layer->stop[channel] = 2;
+    const int64_t start = layer->start[channel], steps = layer->stop[channel] - start;
+    layer->tables[channel] = pool_take(&m->pool, (int64_t)sizeof(Tables *) * steps);
+    layer->predictors[channel] = pool_take(&m->pool, (int64_t)sizeof(Predictor *) * steps);
+    int predicted = 0;
+    for (int64_t n = 0; n < steps; n++) {
+        layer->tables[channel][n] = pack_tables(m, k, model->stream, 0, model->components, start + n);
+        layer->predictors[channel][n] = pack_predictors(m, k, channel, start + n);
+        predicted |= layer->predictors[channel][n] != NULL;
+    }
+    if (!predicted) layer->predictors[channel] = NULL;
+    layer->predicted |= predicted;
+}
+
+/* What tiles are read with in layer k. */
+void pack_layer(Model *m, int64_t k) {
+    LayerModel *layer = m->layer + k;
+    layer->predicted = 0;
+    for (int64_t i = 0; i < m->channels; i++) pack_channel(m, k, i);
+    layer->positions = pack_tables(m, k, POSITIONS, 0, 1, 0);
+    layer->classes = pack_tables(m, k, CLASSES, 0, 1, 0);
+    layer->masks = m->profile == ANCHOR ? pack_tables(m, k, MASKS, 0, 1, 0) : NULL;
+    for (int64_t stage = 1; stage <= MOST_STAGES; stage++) {
+        int64_t received = 0;
+        for (int64_t c = 0; c < MOST_CLASSES; c++)
+            received |= m->rows[k - 1].stages[c] < stage && stage <= m->rows[k].stages[c];
+        layer->indices[stage - 1] =
+            received && !m->rows[k].mode ? pack_tables(m, k, INDICES, stage, 1, 0) : NULL;
+    }
+}

@@ -1,0 +1,106 @@
+"""Tiles by the C library: the numbers of the definition, whatever the processor and the number of threads."""
+
+from __future__ import annotations
+
+import ctypes
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from scarfmt_conformance.archive import names, read
+
+from fuzz.testing.mutators import mutate
+from fuzz.testing.neural_scenes import neural_scene
+from fuzz.testing.strategies import neural_scenes, quantised_scenes
+from reference_decoder.decode import decode, decode_scene
+from reference_decoder.decoded import Decoded
+from scarfmt.coding.writer import QuantisedScene, write_scene
+from scarfmt.errors import ScarError
+from scarfmt.native.binding import library
+from scarfmt.scene.gaussians import GaussianScene
+from scarfmt.scene.streams import ATTRIBUTES
+
+pytestmark = pytest.mark.skipif(library() is None, reason="no C library")
+MOST_PRODUCTS = 4
+
+
+@pytest.fixture
+def products() -> Iterator[ctypes.CDLL]:
+    """The library, whose products are the best again afterwards."""
+    native = library()
+    assert native is not None
+    native.scar_products.restype, native.scar_products.argtypes = ctypes.c_char_p, [ctypes.c_int64]
+    yield native
+    native.scar_products(0)
+
+
+def assert_same(one: Decoded, other: Decoded) -> None:
+    for here, there in zip(one.arrays(), other.arrays(), strict=True):
+        assert here.dtype == there.dtype
+        assert np.array_equal(here, there, equal_nan=here.dtype.kind == "f")
+
+
+def test_all_products_give_the_same_integers(products: ctypes.CDLL) -> None:
+    """Those of each kind of vectors that this processor has, and the plain ones."""
+    files = [read(name) for name in names("valid/*") if "predictor" in name or "index" in name or "neural" in name]
+    files.append(write_scene(neural_scene(28, anchors=700, tiles=2, layers=2)))
+    wanted = [decode(data, native=False) for data in files]
+    kinds = {products.scar_products(some) for some in range(MOST_PRODUCTS)}
+    assert len(kinds) > 1 or kinds == {b"plain"}
+    for some in range(MOST_PRODUCTS):
+        products.scar_products(some)
+        for data, found in zip(files, wanted, strict=True):
+            assert_same(decode(data), found)
+
+
+@settings(deadline=None, max_examples=25)
+@given(quantised_scenes())
+def test_regions_layers_and_attributes(scene: QuantisedScene) -> None:
+    """Parts of a file are those of the definition."""
+    data = write_scene(scene)
+    low, high = [-1e3] * 3, [0.0] * 3
+    for asked in (
+        {"layers": 1},
+        {"tiles": [0]},
+        {"box": (low, high)},
+        *({"attributes": [name]} for name in ATTRIBUTES),
+    ):
+        assert_same(decode(data, **asked), decode(data, native=False, **asked))  # type: ignore[arg-type]
+
+
+@settings(deadline=None, max_examples=25)
+@given(neural_scenes())
+def test_activated_values_are_those_of_the_definition(scene: QuantisedScene) -> None:
+    """Within the tolerances of SPEC §9.5."""
+    data = write_scene(scene)
+    one, other = decode_scene(data), decode_scene(data, native=False)
+    for name, array in one.arrays().items() if isinstance(one, GaussianScene) else ():
+        np.testing.assert_allclose(array, getattr(other, name), rtol=1e-5, atol=1e-5)
+
+
+def test_threads_share_models() -> None:
+    """Files decoded side by side, each on several threads."""
+    files = [write_scene(neural_scene(seed, anchors=120, tiles=5)) for seed in range(6)]
+    wanted = [decode(data, threads=1) for data in files]
+    with ThreadPoolExecutor(4) as pool:
+        for found, same in zip(pool.map(lambda data: decode(data, threads=3), files * 4), wanted * 4, strict=True):
+            assert_same(found, same)
+
+
+def test_damaged_files_are_answered_as_by_the_definition() -> None:
+    """The same values, or the same refusal at the same place."""
+    files = [read(name) for name in names("valid/*")]
+    for number in range(150):
+        data = mutate(files[number % len(files)], number, files).data
+        answers = []
+        for native in (True, False):
+            try:
+                answers.append(decode(data, native=native, allow_truncated=True))
+            except ScarError as error:
+                answers.append((error.refusal, error.offset, error.field))
+        if isinstance(answers[0], tuple):
+            assert answers[0] == answers[1]
+        else:
+            assert_same(answers[0], answers[1])

@@ -1,0 +1,130 @@
+"""Exact values against the formulas of SPEC §9.1-9.2 in rational arithmetic; float32 within tolerance of float64."""
+
+from __future__ import annotations
+
+from fractions import Fraction
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from fuzz.testing.scenes import random_scene
+from reference_decoder.decode import decode
+from reference_decoder.reconstruct import latents, positions
+from reference_decoder.region import tile_boxes
+from scarfmt.codecs.channels import cell_widths, channel_values, check_reach, in_binary32
+from scarfmt.coding.writer import write_scene
+from scarfmt.container.directory import Tile, tile_table
+from scarfmt.container.morton import interleave
+from scarfmt.errors import Malformed
+from scarfmt.scene.gaussians import GaussianScene
+from scarfmt.scene.model import Codebooks, Lattice
+from scarfmt.scene.rotation import axes_from, matrix_from_quaternion, quaternion_from
+
+TOLERANCE = 1e-5
+
+
+@given(st.integers(-(2**31) + 1, 2**31 - 1), st.floats(1e-30, 1e6), st.integers(1, 20))
+def test_channel_value_rounds_quotient_product_and_result_once_each(value: int, step: float, steps: int) -> None:
+    width = float(Fraction(step) / 3 ** (steps - 1))  # Fraction to float rounds to nearest even
+    product = float(Fraction(value) * Fraction(width))
+    values = channel_values(np.array([[value]], np.int32), (step,), np.array([steps]))
+    assert values.dtype == np.float32
+    assert values[0, 0] == np.float32(product)
+
+
+def test_channel_without_steps_is_zero_and_each_component_has_its_own_step() -> None:
+    values = channel_values(np.array([[1, 1], [1, 1], [0, 0]], np.int32), (0.5, 3.0), np.array([1, 2, 0]))
+    np.testing.assert_array_equal(values, np.float32([[0.5, 3.0], [0.5 / 3, 1.0], [0, 0]]))
+
+
+def test_value_beyond_binary32_becomes_infinite_without_a_warning() -> None:
+    with np.errstate(all="raise"):
+        assert np.isinf(channel_values(np.array([[1 << 30]], np.int32), (1e300,), np.array([1])))
+    assert in_binary32(np.array([[[2, -3, 0]]], np.int32), np.array((0.5, 1.0, 1.0))).tolist() == [[[1.0, -3.0, 0.0]]]
+
+
+@given(
+    st.tuples(*[st.integers(0, (1 << 32) - 1)] * 3),
+    st.integers(11, 21),
+    st.integers(0, 20),
+    st.floats(1e-20, 1e3),
+    st.floats(-1e6, 1e6),
+    st.tuples(*[st.integers(-13, 13)] * 3),
+)
+def test_position_is_the_formula_step_by_step(
+    at: tuple[int, int, int], depth: int, shift: int, voxel: float, origin: float, trits: tuple[int, int, int]
+) -> None:
+    """Lattices of 32 bits, coordinates of 1e6, shifts up to 20: every operation exact or rounded once."""
+    shift = min(shift, 32 - depth)
+    low = 32 - depth
+    prefix = int(interleave(np.array([[c >> low for c in at]]))[0])
+    local = np.array([[(c & ((1 << low) - 1)) >> shift for c in at]])
+    lattice = Lattice((origin, -origin, 0.0), voxel, 32)
+    residual = np.array([trits], np.int32) * cell_widths((1 / 3,) * 3, np.array([3]))
+    got = positions(lattice, Tile(depth, shift, prefix), interleave(local), residual)
+    for axis in range(3):
+        t = Fraction((at[axis] >> shift) << shift) + Fraction(1 << shift, 2)
+        inside = float(t + (1 << shift) * Fraction(residual[0, axis]))
+        scaled = float(Fraction(voxel) * Fraction(inside))
+        assert got[0, axis] == float(Fraction(lattice.origin[axis]) + Fraction(scaled))
+    low_corner, high_corner = tile_boxes(lattice, tile_table([Tile(depth, shift, prefix)]))
+    assert (low_corner[0] <= got[0]).all()
+    assert (got[0] <= high_corner[0]).all()
+
+
+def test_residuals_beyond_one_cell_are_refused() -> None:
+    """An anchor would lie outside its tile."""
+    for value, fits in ((9, True), (-9, True), (10, False), (-18, False)):
+        arguments = np.array([[0, value, 0]], np.int32), (1.0,) * 3, np.array([3])
+        if fits:
+            check_reach(*arguments)
+        else:
+            with pytest.raises(Malformed) as caught:
+                check_reach(*arguments)
+            assert caught.value.refusal == "value-range"
+
+
+def test_latents_sum_only_the_stages_received_then_add_the_channel() -> None:
+    books = Codebooks(np.array([[1, 10], [2, 20]]), np.array([[100, -65536], [300, 65535]]))
+    indices = np.array([[1, 0, 1], [1, 1, 1], [0, 1, 1]], np.int16)
+    z = latents(books, indices, np.array([0, 1, 3]), None, 2)
+    np.testing.assert_array_equal(z, np.float32([[0, 0], [2, 20], [601, 131080]]))
+    refined = latents(books, indices, np.array([0, 1, 3]), np.full((3, 2), 0.25, np.float32), 2)
+    np.testing.assert_array_equal(refined, z + np.float32(0.25))
+    assert latents(None, indices, np.zeros(3, np.int64), None, 4).tolist() == [[0.0] * 4] * 3
+
+
+def test_float32_is_within_tolerance_of_float64() -> None:
+    for seed in range(12):
+        decoded = decode(write_scene(random_scene(seed, anchors=400)))
+        fast, exact = decoded.scene, decoded.activated(np.float64)
+        assert isinstance(fast, GaussianScene)
+        assert isinstance(exact, GaussianScene)
+        assert exact.sh.dtype == np.float64
+        assert fast.positions.tobytes() == exact.positions.tobytes()
+        for name in ("log_scales", "rotations", "opacity_logits", "sh"):
+            a, b = getattr(fast, name), getattr(exact, name)
+            assert a.dtype == np.float32
+            assert (np.abs(a - b) <= TOLERANCE * np.maximum(1, np.abs(b))).all(), name
+
+
+def test_scene_has_the_degree_of_the_file_also_before_any_latent() -> None:
+    for degree in range(4):
+        data = write_scene(random_scene(9, sh_degree=degree, layers=4))
+        for layers in range(1, 5):
+            scene = decode(data, layers=layers).scene
+            assert isinstance(scene, GaussianScene)
+            assert scene.sh_degree == degree
+
+
+@pytest.mark.parametrize("dtype", [np.float32, np.float64])
+def test_quaternions_are_the_rotation_of_the_axes(dtype: type) -> None:
+    rng = np.random.default_rng(1)
+    square, twist = rng.uniform(-1.3, 1.3, (2000, 2)), rng.uniform(-5, 5, 2000)
+    square[:4] = [[0, 0], [1, 1], [-1, 1], [1, 0]]
+    q = quaternion_from(square.astype(dtype), twist.astype(dtype))
+    assert q.dtype == dtype
+    assert (q[:, 0] >= 0).all()
+    np.testing.assert_allclose(matrix_from_quaternion(q), axes_from(square, twist), atol=4 * np.finfo(dtype).eps)

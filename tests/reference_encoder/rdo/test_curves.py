@@ -1,0 +1,67 @@
+"""Rate-distortion curves: what pays is taken and never taken back, and steps are aligned."""
+
+from __future__ import annotations
+
+import numpy as np
+from hypothesis import given
+from hypothesis import strategies as st
+
+from reference_encoder.rdo.curves import align_steps, choose_on_hull, choose_steps, entropy_bits, measure_curve
+from reference_encoder.tuning import COARSEST_COLOUR
+from scarfmt.container.schema import Stream
+
+
+@given(
+    st.lists(st.floats(0.1, 100), min_size=1, max_size=8),
+    st.lists(st.floats(0, 50), min_size=1, max_size=8),
+    st.floats(1e-3, 1e3),
+    st.floats(1, 100),
+)
+def test_hull_choice_never_takes_back(costs: list[float], gains: list[float], lambda_: float, factor: float) -> None:
+    """A smaller lambda never chooses fewer increments."""
+    size = min(len(costs), len(gains))
+    bits = np.concatenate([[0], np.cumsum(costs[:size])])
+    error = 400 - np.concatenate([[0], np.cumsum(gains[:size])])
+    assert choose_on_hull(bits, error, lambda_) <= choose_on_hull(bits, error, lambda_ / factor)
+
+
+def test_hull_choice_is_the_minimum() -> None:
+    """At a given lambda no other index has a smaller error + lambda * bits."""
+    draw = np.random.default_rng(0)
+    for _ in range(200):
+        bits = np.concatenate([[0], np.cumsum(draw.random(6))])
+        error = np.concatenate([[5], 5 - np.cumsum(draw.random(6) * 0.8)])
+        lambda_ = float(draw.random() * 3 + 0.01)
+        chosen = choose_on_hull(bits, error, lambda_)
+        assert error[chosen] + lambda_ * bits[chosen] <= (error + lambda_ * bits).min() + 1e-9
+
+
+def test_entropy_matches_counts() -> None:
+    """Four equally likely symbols cost two bits each, plus the tables."""
+    symbols = np.tile(np.arange(4), 1000)
+    assert entropy_bits(symbols, np.zeros(4000, np.int64)) == 8000 + 4 * 8.0
+    assert entropy_bits(symbols, symbols) == 4 * 8.0
+
+
+def test_aligned_steps_hit_the_best_step() -> None:
+    """With equal sensitivities some refinement of the first step is exactly the high-rate optimum."""
+    sensitivity = np.full((100, 1), 2.5)
+    (step,) = align_steps((0.9,), sensitivity, np.zeros(100, np.int64), 1, 1e-4)
+    best = np.sqrt(6 * 1e-4 / np.log(2) / 2.5)
+    turns = np.log(step / best) / np.log(3)
+    assert abs(turns - round(turns)) < 1e-9
+    assert 0.9 / 3**0.51 < step < 0.9 * 3**0.51
+
+
+def test_no_layer_has_colours_that_turn_grey() -> None:
+    """However dear bits are, cells of colour stay narrow; shapes may be as coarse as they come."""
+    draw = np.random.default_rng(4)
+    classes, weight = np.zeros(500, np.int64), np.full((500, 3), 1e-9)
+    step = (2.2, 2.2, 2.6)
+    curves = [
+        measure_curve(stream, draw.normal(0, 0.2, (500, 3)), step, weight, classes, 1)
+        for stream in (Stream.SCALE, Stream.COLOUR)
+    ]
+    (scale, colour), _, _ = choose_steps(curves, 0, 1e9, 1e-9)
+    assert scale == 1
+    assert COARSEST_COLOUR / 3 < max(step) / 3.0 ** (colour - 1) <= COARSEST_COLOUR * (1 + 1e-9)

@@ -1,1 +1,0 @@
-"""The STREAMING block that the encoder writes: viewpoints, errors after each layer, gains, boxes."""

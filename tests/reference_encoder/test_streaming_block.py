@@ -1,0 +1,122 @@
+"""The STREAMING block of a file: boxes around what is there, and a view to begin with."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from reference_encoder.encode import EncodeOptions, Encoder, encode, measure_scene
+from reference_encoder.judge.reconstruct import reconstruct_anchors, reconstruct_gaussians
+from reference_encoder.streaming_block import build_streaming_block
+from scarfmt.blocks.streaming import Streaming, read_streaming
+from scarfmt.coding.writer import QuantisedScene
+from scarfmt.container.directory import tile_table
+from scarfmt.container.file import Container
+from scarfmt.container.source import BytesSource
+from scarfmt.render.camera import look_at
+from scarfmt.scene.gaussians import GaussianScene
+from scarfmt.view_planning import cubes, tight_boxes
+from tests.reference_encoder.profiles.test_anchors import ring, small_model
+
+UP = np.array([0.0, 1.0, 0.0])
+NEAR_LEFT, NEAR_RIGHT = (
+    look_at(np.array([x, 0.0, 3.0]), np.array([x, 0.0, 0.0]), UP, 160, 120, 50.0) for x in (-6.0, 6.0)
+)
+OPTIONS = EncodeOptions(
+    effort=1, layers=3, quality=38, corrections=0, tile_anchors=1024, cameras=[NEAR_LEFT, NEAR_RIGHT]
+)
+
+
+@pytest.fixture(scope="module")
+def source() -> GaussianScene:
+    """Two spheres of 1,500 Gaussians each, left and right."""
+    draw = np.random.default_rng(2)
+    count = 3000
+    normal = draw.normal(size=(count, 3))
+    normal /= np.linalg.norm(normal, axis=1, keepdims=True)
+    middle = np.array([[-6.0, 0, 0], [6.0, 0, 0]])[np.arange(count) % 2]
+    return GaussianScene(
+        middle + normal,
+        np.log(draw.uniform(0.03, 0.1, (count, 3))).astype(np.float32),
+        draw.normal(size=(count, 4)).astype(np.float32),
+        draw.normal(1, 2, count).astype(np.float32),
+        draw.normal(0, 0.4, (count, 4, 3)).astype(np.float32),
+    )
+
+
+@pytest.fixture(scope="module")
+def scene(source: GaussianScene) -> QuantisedScene:
+    """All integers of its file."""
+    return Encoder(measure_scene(source, OPTIONS)).run().scene
+
+
+def build(scene: QuantisedScene, options: EncodeOptions = OPTIONS) -> Streaming:
+    block = build_streaming_block(scene, reconstruct_gaussians(scene), options)
+    assert block is not None
+    return block
+
+
+def test_boxes_hold_what_is_there_and_hardly_more(scene: QuantisedScene) -> None:
+    """Every Gaussian's place, to a step of 1/256 of the tile; reaches are of the size of splats."""
+    streaming = build(scene)
+    every = cubes(scene.fields, tile_table(scene.tiles))
+    boxes = tight_boxes(every, replace(streaming, reach=np.zeros_like(streaming.reach)))
+    out = tight_boxes(every, streaming).high - boxes.high
+    edges = np.cumsum([len(content) for content in scene.contents])[:-1]
+    for number, places in enumerate(np.split(reconstruct_gaussians(scene).positions, edges)):
+        step = (boxes.high[number] - boxes.low[number]) / (
+            streaming.high[number].astype(float) + 1 - streaming.low[number]
+        )
+        # A place may lie half a cell outside its cube (SPEC §9.1).
+        beside = scene.fields.voxel * 2 ** scene.tiles[number].shift / 2 + 1e-9
+        assert (places >= boxes.low[number] - beside).all()
+        assert (places <= boxes.high[number] + beside).all()
+        assert (places.min(axis=0) < boxes.low[number] + step + 1e-9).all()
+        assert (places.max(axis=0) > boxes.high[number] - step - 1e-9).all()
+    assert (out < 0.25).all()
+    assert (out > 0).any()
+
+
+def test_the_first_view_is_a_camera_that_looks_at_the_scene(scene: QuantisedScene) -> None:
+    """It is one of the given cameras; without cameras it looks from outside towards the middle."""
+    given, free = build(scene).view, build(scene, replace(OPTIONS, cameras=None)).view
+    assert given is not None
+    assert np.abs(given.position).tolist() == [6.0, 0.0, 3.0]
+    assert given.up @ UP == pytest.approx(1)
+    assert given.fov == pytest.approx(2 * np.arctan(60 / NEAR_LEFT.fy))
+    assert free is not None
+    assert np.linalg.norm(free.target) < 7
+    assert np.linalg.norm(free.position) > 8
+
+
+def test_the_first_view_is_amid_the_cameras(scene: QuantisedScene) -> None:
+    """One camera far from the others is not it."""
+    others = [
+        look_at(np.array([-6.0 + 0.1 * k, 0.0, 3.0]), np.array([-6.0, 0.0, 0.0]), UP, 160, 120, 50.0) for k in range(20)
+    ]
+    view = build(scene, replace(OPTIONS, cameras=[NEAR_RIGHT, *others])).view
+    assert view is not None
+    assert view.position[0] < 0
+
+
+def test_files_of_a_single_tile_have_the_block_only_with_cameras(source: GaussianScene) -> None:
+    """Of one tile there is no choice, but a viewer must not show from outside what was photographed from within."""
+    options = replace(OPTIONS, tile_anchors=4096)
+    streaming = read_streaming(Container.open(BytesSource(encode(source, options))))
+    assert streaming is not None
+    assert streaming.tiles == 1
+    assert streaming.view is not None
+    assert any(np.allclose(streaming.view.position, camera.centre) for camera in (NEAR_LEFT, NEAR_RIGHT))
+    without = encode(source, replace(options, cameras=None))
+    assert read_streaming(Container.open(BytesSource(without))) is None
+
+
+def test_anchor_files_have_it_too() -> None:
+    options = EncodeOptions(quality=36, effort=1, layers=3, corrections=0, cameras=ring(6), only_cameras=True)
+    scene = Encoder(measure_scene(small_model(), options)).run().scene
+    block = build_streaming_block(scene, reconstruct_anchors(scene), options)
+    assert block is not None
+    assert block.tiles == len(scene.tiles)
+    assert block.view is not None

@@ -1,1 +1,0 @@
-"""Boxes, views and plans of what to fetch first."""
