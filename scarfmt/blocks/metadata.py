@@ -6,14 +6,15 @@ import json
 import math
 import re
 from collections.abc import Mapping
+from itertools import accumulate
 from typing import Any
-
-import numpy as np
 
 from scarfmt.errors import InvalidInput, LimitExceeded, Malformed
 from scarfmt.limits import MAX_METADATA_DEPTH
 
 _STRING = re.compile(rb'"[^"\\]*+(?:\\.[^"\\]*+)*+"?+', re.DOTALL)
+_STEP = {**dict.fromkeys(b"[{", 1), **dict.fromkeys(b"]}", -1)}
+_NO_BRACKETS = bytes(set(range(256)) - _STEP.keys())
 # Of JSON that was parsed: a pair of surrogates, one that is alone (the group), or any other escape.
 _ESCAPE = re.compile(r"\\u[dD][89abAB]..\\u[dD][c-fC-F]..|(\\u[dD][89a-fA-F]..)|\\.")
 
@@ -92,9 +93,8 @@ def parse_json(data: bytes) -> Any:
 
 def nesting(data: bytes) -> int:
     """How many brackets are open at once at most, those in strings aside, in any bytes (R-7.10-3)."""
-    text = np.frombuffer(_STRING.sub(b"", data), np.uint8)
-    opened, closed = (np.isin(text, np.frombuffer(kind, np.uint8)).astype(np.int8) for kind in (b"[{", b"]}"))
-    return int(np.cumsum(opened - closed, dtype=np.int32).max(initial=0))
+    brackets = _STRING.sub(b"", data).translate(None, delete=_NO_BRACKETS)
+    return max(accumulate(map(_STEP.__getitem__, brackets), initial=0))
 
 
 def _refuse_constant(name: str) -> Any:
