@@ -21,6 +21,7 @@ FORMAT_IDS = (
     "streamed-sog",
     "sog",
     "gltf",
+    "usd",
     "anchor-npz",
     "ksplat",
     "splat",

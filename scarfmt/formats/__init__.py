@@ -22,6 +22,7 @@ from scarfmt.formats import (
     splat,
     spz,
     streamed_sog,
+    usd,
 )
 from scarfmt.formats.anchor_npz import save_anchor_npz
 from scarfmt.formats.packed import is_packed, kind_of, unpack
@@ -80,6 +81,14 @@ FORMATS = (
         "sog", "PlayCanvas SOG 1 and 2, bundled or meta.json", (".sog", "meta.json"), sog.sniff, sog.load, sog.describe
     ),
     Format("gltf", "glTF 2.0 with KHR_gaussian_splatting", (".glb", ".gltf"), gltf.sniff, gltf.load, gltf.describe),
+    Format(
+        "usd",
+        "USD with ParticleField3DGaussianSplat",
+        (".usd", ".usda", ".usdc", ".usdz"),
+        usd.sniff,
+        usd.load,
+        usd.describe,
+    ),
     Format("anchor-npz", "Scaffold-GS style anchor model", (".npz",), anchor_npz.sniff, anchor_npz.load),
     Format("ksplat", "GaussianSplats3D .ksplat", (".ksplat",), ksplat.sniff, ksplat.load),
     Format("splat", "antimatter15 .splat", (".splat",), splat.sniff, splat.load),

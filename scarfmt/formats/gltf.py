@@ -27,17 +27,18 @@ from urllib.parse import unquote
 import numpy as np
 from numpy.typing import NDArray
 
-from scarfmt.arrays import F32, F64
+from scarfmt.arrays import F64
 from scarfmt.blocks.metadata import check_registered
 from scarfmt.container.registries import ColourSpace, RenderModel
 from scarfmt.errors import InputWarning, InvalidInput, Malformed, Unsupported
 from scarfmt.formats import spz
 from scarfmt.formats.frame import LUF_TO_RDF, flip_axes
+from scarfmt.formats.quantise import FLOAT32_ENDS, log_scale, logit_of_opacity
 from scarfmt.formats.source import Source
 from scarfmt.scene.description import Description
 from scarfmt.scene.gaussians import GaussianScene, concatenate
-from scarfmt.scene.placement import TOLERANCE, Placement
-from scarfmt.scene.rotation import matrix_from_quaternion, quaternion_from_matrix
+from scarfmt.scene.placement import place_scene
+from scarfmt.scene.rotation import matrix_from_quaternion
 
 _REFERENCE = "coordinate_reference"
 EXTENSION = "KHR_gaussian_splatting"
@@ -298,45 +299,17 @@ def _vector(asset: Asset, node: dict[str, Any], field: str, default: F64) -> F64
     raise asset.source.corrupt(f"expected {len(default)} numbers", field=f"nodes.{field}")
 
 
-def moved(scene: GaussianScene, matrix: F64, name: str) -> GaussianScene:
-    """The scene where a node puts it: means, covariances and colours.
-
-    Args:
-        scene: in the axes of its mesh.
-        matrix: (4, 4), made of a translation, a rotation and a scale of each axis.
-        name: of the file, for messages.
+def _placed(scene: GaussianScene, matrix: F64, name: str) -> GaussianScene:
+    """The scene where a node puts it.
 
     Raises:
-        Unsupported: ``input-gltf``: the matrix is made of something else, for which glTF defines no picture.
+        Unsupported: ``input-gltf``: the matrix is one for which glTF defines no picture.
     """
-    if np.array_equal(matrix, np.eye(4)):
-        return scene
-    lengths = np.linalg.norm(matrix[:3, :3], axis=0)
-    uniform = bool(np.ptp(lengths) <= TOLERANCE * lengths.max())
-    rest = matrix.copy()
     try:
-        if not uniform:
-            rest[:3, :3] /= np.where(lengths > 0, lengths, 1.0)
-        placement = Placement.of(rest.tolist())
-    except (ValueError, np.linalg.LinAlgError) as error:
+        return place_scene(scene, matrix)
+    except ValueError as error:
         message = f"{name}: a node mirrors, shears or flattens its Gaussians ({error}); glTF defines no picture of that"
         raise Unsupported("input-gltf", message, field="nodes") from error
-    with np.errstate(over="ignore", invalid="ignore"):  # what overflows is not finite, which a later check reports
-        return placement.scene(scene if uniform else _stretched(scene, lengths))
-
-
-def _stretched(scene: GaussianScene, lengths: F64) -> GaussianScene:
-    """The scene scaled along each axis: ellipsoids become other ellipsoids, colours stay."""
-    log_scales = scene.log_scales.astype(np.float64)
-    # As matrices of moderate size, so that neither tiny nor huge ellipsoids leave the range of float64.
-    largest = log_scales.max(axis=1, keepdims=True)
-    sides = matrix_from_quaternion(scene.rotations) * np.exp(log_scales - largest)[:, None, :]
-    axes, stretched, _ = np.linalg.svd(lengths[:, None] * sides)
-    axes[:, :, 2] *= np.sign(np.linalg.det(axes))[:, None]
-    with np.errstate(divide="ignore"):
-        grown = (np.log(stretched) + largest).astype(np.float32)
-    quaternions = quaternion_from_matrix(axes).astype(np.float32)
-    return GaussianScene(scene.positions * lengths, grown, quaternions, scene.opacity_logits, scene.sh)
 
 
 _COMPRESSIONS = ("KHR_gaussian_splatting_compression_spz_2", "KHR_gaussian_splatting_compression_spz")
@@ -345,14 +318,12 @@ _UNDERSTOOD = frozenset({EXTENSION, "KHR_mesh_quantization", "KHR_materials_unli
 _POSITIONS = frozenset({FLOAT, BYTE, UBYTE, SHORT, USHORT})
 _ROTATIONS = frozenset({FLOAT, BYTE, SHORT})
 _UNSIGNED = frozenset({FLOAT, UBYTE, USHORT})
-_HALF_TINIEST = 2.0**-150
-"""Half the least number of float32 above 0. It stands for a scale of 0, which has no logarithm."""
 _OPACITY_ENDS = {
-    FLOAT: (_HALF_TINIEST, 2.0**-25),
+    FLOAT: FLOAT32_ENDS,
     UBYTE: (0.5 / 255, 0.5 / 255),
     USHORT: (0.5 / 65535, 0.5 / 65535),
 }
-"""Half the steps of opacity next to 0 and to 1, which have no logits and are read as that much more and less."""
+"""Half the steps of opacity next to 0 and to 1."""
 
 
 @dataclass(frozen=True)
@@ -387,7 +358,7 @@ def load(source: Source) -> GaussianScene:
         message = f"{source.name}: it requires {', '.join(unknown)}; export the scene without"
         raise Unsupported("input-gltf", message, field="extensionsRequired")
     parts = [
-        moved(_gaussians(asset, placed.primitive), placed.matrix, source.name) for placed in _placed_gaussians(asset)
+        _placed(_gaussians(asset, placed.primitive), placed.matrix, source.name) for placed in _placed_gaussians(asset)
     ]
     return flip_axes(concatenate(parts), LUF_TO_RDF)
 
@@ -519,9 +490,9 @@ def _gaussians(asset: Asset, primitive: dict[str, Any]) -> GaussianScene:
         raise asset.source.corrupt("an opacity is not within 0 to 1", field=OPACITY)
     return GaussianScene(
         positions.astype(np.float64),
-        np.log(np.maximum(scales.astype(np.float64), _HALF_TINIEST)).astype(np.float32),
+        log_scale(scales),
         rotations[:, [3, 0, 1, 2]].astype(np.float32),
-        _logits(opacity[:, 0], asset.entry("accessors", attributes[OPACITY])["componentType"]),
+        logit_of_opacity(opacity[:, 0], _OPACITY_ENDS[asset.entry("accessors", attributes[OPACITY])["componentType"]]),
         np.stack(coefficients, axis=1).astype(np.float32, copy=False),
     )
 
@@ -571,10 +542,3 @@ def _harmonic_names(asset: Asset, attributes: dict[str, Any]) -> list[str]:
         missing = missing or ("" if there else band[0])
         names += there
     return names
-
-
-def _logits(opacity: NDArray[Any], component: int) -> F32:
-    above, below = _OPACITY_ENDS[component]
-    values = np.clip(opacity.astype(np.float64), above, 1 - below)
-    logits: F32 = (np.log(values) - np.log1p(-values)).astype(np.float32)
-    return logits

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import gzip
 import zlib
-from pathlib import PurePosixPath
 
 from scarfmt.container.schema import SIGNATURE
 from scarfmt.errors import InvalidInput, LimitExceeded
@@ -15,8 +14,6 @@ _SCENES = (".ply", ".spz", ".splat", ".ksplat", ".sog", ".glb")
 _PAGE = "a web page or XML; download the file itself"
 _KINDS = (
     (SIGNATURE, "a .scar file; use 'scarfmt decode'"),
-    (b"PXR-USDC", "USD, which is not read; export the scene as a PLY"),
-    (b"#usda", "USD, which is not read; export the scene as a PLY"),
     (b"RAD0", "Spark's .rad, which is not read; give the file it was made from"),
     (b"7z\xbc\xaf", "a 7z archive; unpack it"),
     (b"Rar!", "a RAR archive; unpack it"),
@@ -65,8 +62,6 @@ def kind_of(source: Source) -> str:
 def _contents(names: tuple[str, ...], scenes: list[str]) -> str:
     if scenes:
         return f"{len(scenes)} scenes, {', '.join(scenes[:3])}; unpack it, and give one"
-    if any(PurePosixPath(name).suffix in (".usd", ".usda", ".usdc") for name in names):
-        return "USD, which is not read; export the scene as a PLY"
     if any(name.endswith("data.pkl") for name in names):
         return "a checkpoint of PyTorch; export the scene from its trainer as a PLY"
     return f"no scene in it: {', '.join(names[:3]) or 'nothing'}; expected one of {', '.join(_SCENES)}"

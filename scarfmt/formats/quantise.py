@@ -99,3 +99,26 @@ def sh_from_channel_major(rest: NDArray[np.generic]) -> F32:
     count, columns = rest.shape
     coefficients: F32 = rest.astype(np.float32, copy=False).reshape(count, 3, columns // 3).transpose(0, 2, 1)
     return coefficients
+
+
+_HALF_TINIEST = 2.0**-150
+"""Half the least number of float32 above 0. It stands for a scale of 0, which has no logarithm."""
+
+FLOAT32_ENDS = (_HALF_TINIEST, 2.0**-25)
+"""Half the steps of float32 next to 0 and to 1."""
+
+
+def log_scale(scales: NDArray[np.floating]) -> F32:
+    """Logarithms of standard deviations of at least 0."""
+    return np.log(np.maximum(scales.astype(np.float64), _HALF_TINIEST)).astype(np.float32)
+
+
+def logit_of_opacity(opacity: NDArray[np.floating], ends: tuple[float, float]) -> F32:
+    """(N,) logits of (N,) opacities 0..1.
+
+    Args:
+        opacity: 0 and 1, which have no logits, are read as half a step more and less.
+        ends: half the steps next to 0 and to 1.
+    """
+    values = np.clip(opacity.astype(np.float64), ends[0], 1 - ends[1])
+    return (np.log(values) - np.log1p(-values)).astype(np.float32)

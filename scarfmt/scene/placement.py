@@ -11,7 +11,7 @@ import numpy as np
 
 from scarfmt.arrays import F32, F64
 from scarfmt.scene.gaussians import GaussianScene
-from scarfmt.scene.rotation import quaternion_from_matrix
+from scarfmt.scene.rotation import matrix_from_quaternion, quaternion_from_matrix
 
 _DIRECTIONS = 16
 """Directions that functions of one degree are compared in; 7 would determine those of degree 3."""
@@ -159,3 +159,42 @@ def _product(first: F64, quaternions: F32) -> F32:
     rows = [a * w - b * x - c * y - d * z, a * x + b * w + c * z - d * y]
     rows += [a * y - b * z + c * w + d * x, a * z + b * y - c * x + d * w]
     return np.stack(rows, axis=1).astype(np.float32)
+
+
+def place_scene(scene: GaussianScene, matrix: F64) -> GaussianScene:
+    """The scene where a node of a scene graph puts it: means, covariances and colours.
+
+    Args:
+        scene: in the axes of the node.
+        matrix: (4, 4), made of a translation, a rotation and a scale of each axis.
+
+    Raises:
+        ValueError: the matrix is made of something else.
+    """
+    if np.array_equal(matrix, np.eye(4)):
+        return scene
+    lengths = np.linalg.norm(matrix[:3, :3], axis=0)
+    uniform = bool(np.ptp(lengths) <= TOLERANCE * lengths.max())
+    rest = matrix.copy()
+    if not uniform:
+        rest[:3, :3] /= np.where(lengths > 0, lengths, 1.0)
+    try:
+        placement = Placement.of(rest.tolist())
+    except np.linalg.LinAlgError as error:
+        raise ValueError(str(error)) from error
+    with np.errstate(over="ignore", invalid="ignore"):  # what overflows is not finite, which a later check reports
+        return placement.scene(scene if uniform else _stretched(scene, lengths))
+
+
+def _stretched(scene: GaussianScene, lengths: F64) -> GaussianScene:
+    """The scene scaled along each axis: ellipsoids become other ellipsoids, colours stay."""
+    log_scales = scene.log_scales.astype(np.float64)
+    # As matrices of moderate size, so that neither tiny nor huge ellipsoids leave the range of float64.
+    largest = log_scales.max(axis=1, keepdims=True)
+    sides = matrix_from_quaternion(scene.rotations) * np.exp(log_scales - largest)[:, None, :]
+    axes, stretched, _ = np.linalg.svd(lengths[:, None] * sides)
+    axes[:, :, 2] *= np.sign(np.linalg.det(axes))[:, None]
+    with np.errstate(divide="ignore"):
+        grown = (np.log(stretched) + largest).astype(np.float32)
+    quaternions = quaternion_from_matrix(axes).astype(np.float32)
+    return replace(scene, positions=scene.positions * lengths, log_scales=grown, rotations=quaternions)

@@ -132,18 +132,6 @@ def test_sog_rounds_to_its_codebooks() -> None:
     assert np.abs(back.sh[:, 0] - source.sh[:, 0]).mean() < 0.005
 
 
-def test_usd_holds_floats_under_the_names_of_its_schema(tmp_path: Path) -> None:
-    usd = pytest.importorskip("pxr.Usd", reason="usd-core is not installed")
-    scene, out = replace(some_scene(), description=Description(up_axis="z")), io.BytesIO()
-    write_parts("usd", [scene], Described.of(scene), out)
-    path = tmp_path / "a.usdc"
-    path.write_bytes(out.getvalue())
-    prim = usd.Stage.Open(str(path)).GetDefaultPrim()
-    np.testing.assert_array_equal(np.array(prim.GetAttribute("positions").Get()), scene.positions.astype(np.float32))
-    real = np.array([q.GetReal() for q in prim.GetAttribute("orientations").Get()])
-    np.testing.assert_allclose(real, scene.rotations[:, 0] / np.linalg.norm(scene.rotations, axis=1), atol=1e-6)
-
-
 REPORTS = Path(__file__).parents[2] / ".." / "shared" / "data" / "odd-files" / "reports"
 
 
