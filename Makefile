@@ -22,7 +22,7 @@ help:
 # What a user installs to encode and to compare: no torch, no tools of developers.
 $(DEMO): $(SOURCES)
 	test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
-	$(BIN)/python -m pip install --quiet --editable '.[encode,render]'
+	$(BIN)/python -m pip install --quiet --editable '.[render]'
 	touch $(DEMO)
 
 # torch alone and first: whatever else is installed afterwards then finds the pinned build in place.

@@ -14,7 +14,7 @@ LIBRARY = "native.pyd" if sys.platform == "win32" else "native.so"
 """No Python version in the name: libraries are called through ctypes and need no Python ABI."""
 LIBRARIES = {
     "scarfmt.native.native": "without it all results are the same, and slower",
-    "reference_encoder.training.raster.native": "without it nothing can be trained on a CPU",
+    "scarfmt.render.native.native": "without it nothing can be drawn, encoded, or trained on a CPU",
 }
 """The loss if a library could not be built."""
 FAILURE = "native.failed.txt"

@@ -19,7 +19,7 @@ STRANGERS = ("/tests/", "/testing/", "/benchmarks/", "/fuzz/", ".c", ".h", ".pyc
 """Parts of names that have no business in a wheel."""
 GLIBC = (2, 29)
 """Version of glibc in manylinux_2_29, the tag in the name of the wheel."""
-LIBRARIES = {"scarfmt/native/native.so", "reference_encoder/training/raster/native.so"}
+LIBRARIES = {"scarfmt/native/native.so", "scarfmt/render/native/native.so"}
 
 
 def check(path: Path) -> list[str]:
@@ -38,7 +38,7 @@ def check(path: Path) -> list[str]:
             wrong.append("the viewer page is missing: make web")
         libraries = [name for name in names if name.endswith(".so")]
         if distribution == "scarfmt" and set(libraries) != LIBRARIES:
-            wrong.append(f"libraries {libraries}: not those of decoder and trainer")
+            wrong.append(f"libraries {libraries}: not those of decoder and renderer")
         for name in libraries:
             wrong += _check_library(wheel.read(name))
     if path.stat().st_size > MOST_BYTES[distribution]:

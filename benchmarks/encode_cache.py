@@ -28,7 +28,7 @@ ENCODER = ("reference_encoder", "scarfmt")
 """Packages whose source decides what a file holds."""
 _NOT_ENCODER = ("scarfmt/cli", "conformance/suite/scarfmt_conformance", "fuzz/testing")
 _SOURCE = {".py", ".c", ".h"}
-_COMPUTES = ("numpy", "numba")
+_COMPUTES = ("numpy",)
 _DIGITS = 12
 
 

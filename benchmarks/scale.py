@@ -58,8 +58,6 @@ MOST_IN_ARRAYS = 4_000_000
 """Above, a scene is only decoded tile by tile."""
 LARGE = 100_000
 """Slopes are taken from here on: below, starting up counts."""
-ONE_THREAD = {**child.ENVIRONMENT, "NUMBA_NUM_THREADS": "1"}
-"""Environment of encodes in ranges: a worker is one thread."""
 
 Run = dict[str, Any]
 Add = Callable[[str, str, Run], None]
@@ -112,7 +110,7 @@ def measure_ranges(name: str, jobs: Sequence[child.Job], folder: Path, add: Add)
         print(key, file=sys.stderr, flush=True)
         out = folder / "scene.scar"
         found = child.run(
-            environment=ONE_THREAD, **job, job="benchmarks.scale:encode_in_ranges", source=str(source), out=str(out)
+            child.ENVIRONMENT, **job, job="benchmarks.scale:encode_in_ranges", source=str(source), out=str(out)
         )
         run = {"scene": name, **job, "source_bytes": source.stat().st_size, **found}
         if job["workers"] == 1:

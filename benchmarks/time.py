@@ -205,8 +205,7 @@ class Way:
         for cores, count in CORES.items():
             for reader in [SCAR] if self.layers else list_readers(self.file):
                 job = {"job": "benchmarks.time:read_job", "file": str(self.file), "reader": reader}
-                threads = {"NUMBA_NUM_THREADS": str(count)}
-                more = {"cores": count, "layers": self.layers, "scale": self.scale, "environment": threads}
+                more = {"cores": count, "layers": self.layers, "scale": self.scale}
                 yield cores, reader, {**job, **more}
 
 

@@ -64,7 +64,7 @@ class Baking:
     Attributes:
         views: cameras to fit for, best those the scene was captured from; without any,
             :func:`default_views`.
-        steps: of refining, one picture each (:mod:`reference_decoder.refine`), which needs the extra `render`; with 0,
+        steps: of refining, one picture each (:mod:`reference_decoder.refine`); with 0,
             each Gaussian is fitted by itself.
         sh_degree: of the fitted spherical harmonics, 0..3.
     """

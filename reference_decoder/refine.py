@@ -17,13 +17,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from reference_decoder.anchors import gaussians
-from scarfmt.arrays import F32, F64, I64
+from scarfmt.arrays import F32, F64, I64, Floats
 from scarfmt.coding.writer import Report, silent
 from scarfmt.render.camera import Camera
 from scarfmt.render.gradients import Gradients, gradients
-from scarfmt.render.jit import each_view
 from scarfmt.render.projection import Drawable
 from scarfmt.render.rasterise import render
+from scarfmt.render.threads import each_view
 from scarfmt.scene.gaussians import AnchorModel, GaussianScene
 from scarfmt.scene.placement import sh_basis
 
@@ -100,7 +100,7 @@ class _Moments:
     def of(shape: tuple[int, ...]) -> _Moments:
         return _Moments(np.zeros(shape, np.float32), np.zeros(shape, np.float32))
 
-    def move(self, rows: I64, slopes: F64, seen: F32) -> F32:
+    def move(self, rows: I64, slopes: Floats, seen: F32) -> F32:
         """How far to go down the (V, ...) slopes of some rows, seen for the (V,)-th time, at a rate of 1."""
         slopes, times = slopes.astype(np.float32), seen.reshape(-1, *[1] * (slopes.ndim - 1))
         first = _FIRST_DECAY * self.first[rows] + (1 - _FIRST_DECAY) * slopes

@@ -241,7 +241,7 @@ def save(
 
     Args:
         scene: Gaussians; or an anchor model, for a .scar or .npz file.
-        target: a path that ends in .scar (which needs the extra ``encode``) or as one of `scarfmt.formats.outputs`.
+        target: a path that ends in .scar or as one of `scarfmt.formats.outputs`.
         options: of the encoder, for a .scar file.
         force: replace a file that exists.
 
@@ -286,7 +286,7 @@ def encode(
     *,
     report: Report = silent,
 ) -> bytes:
-    """The bytes of a file for a scene. Needs the extra ``encode``.
+    """The bytes of a file for a scene.
 
     Args:
         scene: a scene, or a file of any format that :func:`scarfmt.formats.load` knows.

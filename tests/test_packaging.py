@@ -37,11 +37,9 @@ def test_the_library_pins_no_exact_version_that_others_may_need_otherwise() -> N
     assert not [one for one in (*PROJECT["dependencies"], *used) if "==" in one]
 
 
-def test_encoding_brings_no_torch_and_everything_else_that_it_needs() -> None:
-    assert "torch" not in names(EXTRAS["encode"])
-    assert "torch" in names(EXTRAS["train"])
-    assert names(EXTRAS["render"]) <= names(EXTRAS["encode"])
-    assert names(EXTRAS["import"]) <= names(EXTRAS["encode"])
+def test_only_training_brings_torch_and_a_compiler_of_python() -> None:
+    assert not names(EXTRAS["render"]) & {"torch", "numba"}
+    assert {"torch", "numba"} | names(EXTRAS["render"]) <= names(EXTRAS["train"])
 
 
 @pytest.mark.parametrize("path", [path for path in TEXTS if NAMED.search(path.read_text(encoding="utf-8"))], ids=str)

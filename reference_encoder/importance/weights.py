@@ -16,11 +16,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from reference_encoder.importance.view_sampling import SurveyViews
-from reference_encoder.jit import compiled
 from reference_encoder.tuning import FLOOR_CONTRAST, FLOOR_DISTANCE, FLOOR_GAUSSIANS, FLOOR_SHARE, SURVEY_POWER
-from scarfmt.arrays import F32, F64, I64
+from scarfmt.arrays import F32, F64
 from scarfmt.render.camera import DILATION_PX2, Camera
-from scarfmt.render.projection import MIN_ALPHA, Drawable
+from scarfmt.render.native.binding import MIN_ALPHA
+from scarfmt.render.projection import Drawable
 from scarfmt.render.rasterise import Contributions, contributions_by_view
 from scarfmt.render.viewpoints import FOV_DEG, HEIGHT, WIDTH
 from scarfmt.scene.gaussians import GaussianScene
@@ -96,15 +96,14 @@ class WeightSums:
 
     def add(self, seen: Contributions, positions: F64, camera: Camera, times: float = 1.0) -> None:
         """Add a view, the sums of its picture divided by the number of its samples, as so many views."""
-        samples = camera.width * camera.height * 3
-        _add_view(
-            seen.index,
-            (seen.contrast_sq, seen.weight_sq, seen.weight_max),
-            samples,
-            times,
-            (positions, camera.centre, pixel_angle(camera)),
-            (self.shape, self.colour, self.log_pixel, self.weight, self.largest),
-        )
+        samples, index = camera.width * camera.height * 3, seen.index
+        shape = times * (seen.contrast_sq / samples) ** SURVEY_POWER
+        distance = np.linalg.norm(positions[index] - camera.centre, axis=1)
+        self.shape[index] += shape
+        self.colour[index] += times * (seen.weight_sq / samples) ** SURVEY_POWER
+        self.log_pixel[index] += shape * np.log(np.maximum(distance, 1e-12) * pixel_angle(camera))
+        self.weight[index] += shape
+        self.largest[index] = np.maximum(self.largest[index], seen.weight_max.astype(np.float32))
 
     def means(self, views: float) -> KindWeights:
         """Power means over as many views."""
@@ -116,30 +115,6 @@ class WeightSums:
         usual = np.full(len(self.weight), np.log(FLOOR_DISTANCE * radius * PIXEL))
         logs = np.divide(self.log_pixel, self.weight, where=self.weight > 0, out=usual)
         return np.asarray(np.exp(logs).astype(np.float32))
-
-
-@compiled
-def _add_view(
-    index: I64,
-    seen: tuple[F64, F64, F64],
-    samples: int,
-    times: float,
-    eye: tuple[F64, F64, float],
-    sums: tuple[F64, F64, F64, F64, F32],
-) -> None:
-    """Add what one view shows of the Gaussians `index` to `sums`, as :class:`WeightSums` has them."""
-    contrast, squared, largest = seen
-    positions, centre, angle = eye
-    for k in range(len(index)):
-        i = index[k]
-        shape = times * (contrast[k] / samples) ** SURVEY_POWER
-        far = positions[i] - centre
-        distance = math.sqrt(far[0] * far[0] + far[1] * far[1] + far[2] * far[2])
-        sums[0][i] += shape
-        sums[1][i] += times * (squared[k] / samples) ** SURVEY_POWER
-        sums[2][i] += shape * math.log(max(distance, 1e-12) * angle)
-        sums[3][i] += shape
-        sums[4][i] = max(sums[4][i], np.float32(largest[k]))
 
 
 def pixel_angle(camera: Camera) -> float:

@@ -17,9 +17,9 @@ from reference_encoder.options import EncodeOptions
 from reference_encoder.tuning import LAYER_BLOCK, LAYER_VIEW_SAMPLING, LAYER_VIEWS
 from scarfmt.arrays import F32, F64
 from scarfmt.render.camera import Camera
-from scarfmt.render.jit import each_view
 from scarfmt.render.projection import Drawable
 from scarfmt.render.rasterise import render
+from scarfmt.render.threads import each_view
 from scarfmt.render.viewpoints import KINDS, WIDTH, Surroundings, viewpoints
 from scarfmt.scene.gaussians import GaussianScene
 

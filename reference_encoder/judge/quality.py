@@ -26,10 +26,10 @@ from reference_encoder.tuning import (
 )
 from scarfmt.arrays import F32, F64
 from scarfmt.render.camera import Camera
-from scarfmt.render.jit import each_view
 from scarfmt.render.metrics import psnr
 from scarfmt.render.projection import Drawable
 from scarfmt.render.rasterise import render
+from scarfmt.render.threads import each_view
 from scarfmt.scene.gaussians import GaussianScene
 
 S = TypeVar("S")

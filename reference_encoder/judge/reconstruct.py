@@ -14,7 +14,6 @@ from reference_decoder.reconstruct import (
     positions,
     residuals,
 )
-from reference_encoder.jit import compiled
 from reference_encoder.rdo.curves import RdCurve
 from reference_encoder.rdo.rdo_input import RdoInput
 from scarfmt.arrays import F32, F64, I64
@@ -79,7 +78,6 @@ def _values(scene: QuantisedScene) -> tuple[F64, dict[Stream, F32], Codewords]:
     return np.concatenate(at), values, (scene.codebooks, indices, stages)
 
 
-@compiled
 def _round_values(true: F64, here: I64, classes: I64, widths: F64) -> F32:
     """(n, components) values of the anchors `here`, rounded to multiples of the widths of their classes; 0 for 0.
 
@@ -89,10 +87,6 @@ def _round_values(true: F64, here: I64, classes: I64, widths: F64) -> F32:
         classes: (N,).
         widths: (classes, components).
     """
-    out = np.zeros((len(here), true.shape[1]), np.float32)
-    for k in range(len(here)):
-        row, width = true[here[k]], widths[classes[here[k]]]
-        for component in range(len(row)):
-            if width[component] > 0:
-                out[k, component] = np.rint(row[component] / width[component]) * width[component]
-    return out
+    width = widths[classes[here]]
+    cells = np.divide(true[here], width, out=np.zeros(width.shape), where=width > 0)
+    return np.asarray((np.rint(cells) * width).astype(np.float32))

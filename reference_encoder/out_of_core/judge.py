@@ -24,8 +24,8 @@ from reference_encoder.out_of_core.types import Measured, Range
 from reference_encoder.tuning import JUDGED_ROWS, LEAST_COVER
 from scarfmt.arrays import F32, F64, I64
 from scarfmt.render.camera import Camera
-from scarfmt.render.jit import each_view
 from scarfmt.render.rasterise import render, render_with
+from scarfmt.render.threads import each_view
 from scarfmt.scene.gaussians import GaussianScene
 
 

@@ -131,7 +131,7 @@ def measure(overview: Overview, part: Range, scene: GaussianScene) -> Measured:
 def find_meeting_views(cameras: Sequence[Camera], scene: GaussianScene) -> I64:
     """Find the views that may show any of a scene, by a part of it."""
     few = Drawable.of(sample_rows(scene))
-    seen = (number for number, camera in enumerate(cameras) if len(project(few, camera, sh_degree=0)[2]))
+    seen = (number for number, camera in enumerate(cameras) if len(project(few, camera, sh_degree=0).index))
     return np.fromiter(seen, np.int64)
 
 

@@ -51,7 +51,7 @@ def file_system(name: str) -> tuple[Any, str]:
     try:
         from fsspec.core import url_to_fs
     except ModuleNotFoundError as error:
-        raise missing_package("fsspec", "encode") from error
+        raise missing_package("fsspec", "http") from error
     try:
         found: tuple[Any, str] = url_to_fs(name)
     except (ImportError, ValueError, OSError) as error:

@@ -9,13 +9,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
-from numba import get_num_threads
 
-from reference_encoder.jit import compiled
 from reference_encoder.rdo.rdo_input import RdoInput
 from reference_encoder.tuning import (
     COARSEST_COLOUR,
@@ -34,8 +32,8 @@ from scarfmt.scene.model import MAX_STEPS
 _LOGARITHMS = (Stream.SCALE, Stream.OPACITY)
 _OPTIONAL = (Stream.POSITION_RESIDUAL, Stream.LATENT)
 """Channels of which an anchor that is there may receive nothing."""
-_MOST_BINS = 1 << 20
-"""Histograms with more possible entries are made by sorting."""
+_MOST_BINS = 16
+"""Histograms with more possible entries a symbol are made by sorting."""
 
 
 @dataclass(frozen=True)
@@ -143,25 +141,20 @@ def measure_curve(
         sensitivity: (N, components) or (N, 1) squared picture error per squared unit.
         repeat: how many anchors each stands for.
     """
-    bits, error = np.zeros((count, FINEST_STEP + 1)), np.zeros((count, FINEST_STEP + 1))
-    order, widths = np.argsort(classes, kind="stable"), np.array(step) / 3.0 ** (FINEST_STEP - 1)
-    edges = np.cumsum([0, *np.bincount(classes, minlength=count)])
-    logarithm, heavy = stream in _LOGARITHMS, np.broadcast_to(sensitivity, values.shape)
-
-    def fill(klass: int) -> None:
-        here = order[edges[klass] : edges[klass + 1]]
-        sampled = here[:: max(1, len(here) // PLANNED_ANCHORS)]
-        scale = repeat * len(here) / max(len(sampled), 1)
-        _price_steps(values[sampled], heavy[sampled], widths, logarithm, scale, bits[klass], error[klass])
-
-    with ThreadPoolExecutor(get_num_threads()) as pool:
-        list(pool.map(fill, range(count)))
+    order, edges = np.argsort(classes, kind="stable"), np.cumsum([0, *np.bincount(classes, minlength=count)])
+    members = [order[first:past] for first, past in pairwise(edges)]
+    sampled = [here[:: max(1, len(here) // PLANNED_ANCHORS)] for here in members]
+    sizes, rows = np.array([len(some) for some in sampled]), np.concatenate(sampled)
+    scale = repeat * np.diff(edges) / np.maximum(sizes, 1)
+    heavy = np.broadcast_to(sensitivity, values.shape)[rows]
+    widths = np.array(step) / 3.0 ** (FINEST_STEP - 1)
+    of = np.repeat(np.arange(count), sizes)
+    bits, error = _price_steps(values[rows], heavy, of, widths, stream in _LOGARITHMS, scale)
     return RdCurve(stream, step, bits, error)
 
 
-@compiled
-def _price_steps(values: F64, weight: F64, finest: F64, logarithm: bool, scale: float, bits: F64, error: F64) -> None:
-    """Fill cumulative `bits` and `error` left with 0 .. `FINEST_STEP` steps of one class.
+def _price_steps(values: F64, weight: F64, classes: I64, finest: F64, logarithm: bool, scale: F64) -> tuple[F64, F64]:
+    """(classes, steps + 1) cumulative bits, and error left, with 0 .. `FINEST_STEP` steps of every class.
 
     Of a logarithm, errors are as pictures show them: the part by which the value is off. For small errors that is the
     same. A splat of the coarsest scales is up to e^0.8 times too long, which shows much more than one that is as much
@@ -169,78 +162,75 @@ def _price_steps(values: F64, weight: F64, finest: F64, logarithm: bool, scale: 
 
     Args:
         values, weight: (n, components).
+        classes: (n,) rising.
         finest: (components,) widths of cells after all steps.
-        scale: how many anchors each stands for.
+        scale: (classes,) how many anchors each stands for.
     """
-    before = np.zeros(len(values), np.int64)
-    for component in range(values.shape[1]):
-        x, heavy = values[:, component].copy(), weight[:, component].copy()
-        cells = np.rint(x / finest[component]).astype(np.int64)
-        error[0] += scale * (heavy * x * x).sum()
-        total, previous, first = 0.0, cells, cells
+    shape = len(scale), FINEST_STEP + 1
+    bits, error, before = np.zeros(shape), np.zeros(shape), np.zeros(len(values), np.int64)
+    for component, width in enumerate(finest):
+        x, heavy = values[:, component], weight[:, component]
+        cells = np.rint(x / width).astype(np.int64)
+        error[:, 0] += scale * np.bincount(classes, heavy * x * x, len(scale))
+        total, previous, first = np.zeros(len(scale)), cells, cells
         for steps in range(1, FINEST_STEP + 1):
             power = 3 ** (FINEST_STEP - steps)
             now = (cells + (power - 1) // 2) // power
-            left = x - now * (finest[component] * power)
+            left = x - now * (width * power)
             if logarithm:
                 left = np.expm1(-left)
-            error[steps] += scale * (heavy * left * left).sum()
+            error[:, steps] += scale * np.bincount(classes, heavy * left * left, len(scale))
             if steps > 1:
-                total += entropy_bits(now - 3 * previous, np.minimum(np.maximum(previous, -2), 2) + 2, scale)
+                total += entropy_bits(now - 3 * previous, np.clip(previous, -2, 2) + 2, 5, classes, scale)
             else:
-                total += _first_bits(now, before, component > 0, scale)
+                total += _first_bits(now, before if component else None, classes, scale)
                 first = now
             previous = now
-            bits[steps] += total
+            bits[:, steps] += total
         before = first
+    return bits, error
 
 
-@compiled
-def _first_bits(values: I64, before: I64, known: bool, scale: float) -> float:
-    """Bits of the first step. If the component `before` is known, 16 buckets of it are a context where that pays."""
-    alone = entropy_bits(values, np.zeros(len(values), np.int64), scale)
-    if not known or len(values) == 0:
+def _first_bits(values: I64, before: I64 | None, classes: I64, scale: F64) -> F64:
+    """Bits of the first step of each class. If the component `before` is known, 16 buckets of it are a context where
+    that pays."""
+    alone = entropy_bits(values, np.zeros_like(values), 1, classes, scale)
+    if before is None:
         return alone
-    buckets = np.minimum(np.maximum(before - int(np.median(before)) + 8, 0), 15)
-    return min(alone, entropy_bits(values, buckets, scale))
+    sizes = np.bincount(classes, minlength=len(scale))
+    parts = np.split(before, np.cumsum(sizes)[:-1])
+    middles = np.array([int(np.median(part)) if len(part) else 0 for part in parts])
+    buckets = np.clip(before - middles[classes] + 8, 0, 15)
+    return np.minimum(alone, entropy_bits(values, buckets, 16, classes, scale))
 
 
-@compiled
-def entropy_bits(symbols: I64, contexts: I64, scale: float = 1.0) -> float:
-    """Bits of `scale` times `symbols` under ideal static tables per context, plus about a byte per table entry."""
+def entropy_bits(symbols: I64, contexts: I64, kinds: int, classes: I64, scale: F64) -> F64:
+    """(classes,) bits under ideal static tables per class and context, plus about a byte per table entry.
+
+    Args:
+        symbols: (n,).
+        contexts: (n,) below `kinds`.
+        classes: (n,).
+        scale: (classes,) how often each symbol of a class is there.
+    """
     if len(symbols) == 0:
-        return 0.0
+        return np.zeros(len(scale))
     low = symbols.min()
-    span, kinds = symbols.max() - low + 1, contexts.max() + 1
-    totals, bits = np.zeros(kinds), 0.0
-    for context in contexts:
-        totals[context] += 1
-    for context, amount in _count(contexts * span + (symbols - low), kinds * span):
-        total = totals[context // span]
-        bits += scale * amount * np.log2(total / amount) + TABLE_ENTRY_BITS
-    return bits
+    span, tables = int(symbols.max() - low) + 1, classes * kinds + contexts
+    used, amounts = _count(tables * span + (symbols - low), len(scale) * kinds * span)
+    ideal = amounts * np.log2(np.bincount(tables)[used // span] / amounts)
+    of = used // (span * kinds)
+    return scale * np.bincount(of, ideal, len(scale)) + TABLE_ENTRY_BITS * np.bincount(of, minlength=len(scale))
 
 
-@compiled
-def _count(numbers: I64, below: int) -> I64:
-    """(m, 2) of the different ones among some numbers, and how often each is there."""
-    counted = np.empty((len(numbers), 2), np.int64)
-    fill = 0
-    if below <= _MOST_BINS:
-        counts = np.zeros(below, np.int64)
-        for number in numbers:
-            counts[number] += 1
-        for number in range(below):
-            if counts[number] > 0:
-                counted[fill, 0], counted[fill, 1] = number, counts[number]
-                fill += 1
-        return counted[:fill]
-    for number in np.sort(numbers):
-        if fill == 0 or counted[fill - 1, 0] != number:
-            counted[fill, 0], counted[fill, 1] = number, 0
-            fill += 1
-        counted[fill - 1, 1] += 1
-    return counted[:fill]
+def _count(numbers: I64, below: int) -> tuple[I64, I64]:
+    """(m,) the different ones among some numbers, and (m,) how often each is there."""
+    if below > _MOST_BINS * len(numbers):
+        used, amounts = np.unique(numbers, return_counts=True)
+        return used, amounts
+    counts = np.bincount(numbers)
+    used = np.flatnonzero(counts)
+    return used, counts[used]
 
 
 def choose_on_hull(bits: F64, error: F64, lambda_: float) -> int:

@@ -5,11 +5,10 @@ from __future__ import annotations
 from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
-from numba import get_num_threads
 
-from reference_encoder.jit import compiled
 from reference_encoder.tuning import ROUNDING_ROUNDS
 from scarfmt.arrays import F64, I64
+from scarfmt.render.threads import count_threads
 
 _MOST_VALUES = 1 << 16
 """A column with a wider range is simply rounded: its histogram would say nothing."""
@@ -37,36 +36,32 @@ def round_values(values: F64, weight: F64, classes: I64, lambda_: float, units: 
         columns = values[:, component], heavy[:, component], steps[:, component]
         _round_column(*columns, order, edges, lambda_, out[:, component])
 
-    with ThreadPoolExecutor(get_num_threads()) as pool:
+    with ThreadPoolExecutor(count_threads()) as pool:
         list(pool.map(fill, range(values.shape[1])))
     return out
 
 
-@compiled
 def _round_column(values: F64, weight: F64, units: F64, order: I64, edges: I64, lambda_: float, out: I64) -> None:
     """Fill one component, class after class; `order` has the rows of class k from `edges[k]`."""
-    for klass in range(len(edges) - 1):
-        rows, unit = order[edges[klass] : edges[klass + 1]], units[klass]
-        x, heavy = values[rows] / unit, weight[rows] * unit**2
-        nearest = np.rint(x)
-        if len(rows) == 0:
-            continue
-        low, high = nearest.min() - 1, nearest.max() + 1
-        if high - low > _MOST_VALUES:
-            for k in range(len(rows)):
-                out[rows[k]] = np.int64(nearest[k])
-            continue
-        chosen = (nearest - low).astype(np.int64)
-        for _ in range(ROUNDING_ROUNDS):
-            counts = np.zeros(int(high - low) + 1)
-            for k in range(len(rows)):
-                counts[chosen[k]] += 1
-            prices = lambda_ * np.log2((len(rows) + 1) / (counts + 0.25))
-            for k in range(len(rows)):
-                left = x[k] - nearest[k]
-                here, step = int(nearest[k] - low), 1 if left >= 0 else -1
-                over = left - step
-                dearer = heavy[k] * over * over + prices[here + step] < heavy[k] * left * left + prices[here]
-                chosen[k] = here + step if dearer else here
-        for k in range(len(rows)):
-            out[rows[k]] = chosen[k] + np.int64(low)
+    for klass, unit in enumerate(units):
+        rows = order[edges[klass] : edges[klass + 1]]
+        if len(rows):
+            out[rows] = _round_class(values[rows] / unit, weight[rows] * unit**2, lambda_)
+
+
+def _round_class(values: F64, weight: F64, lambda_: float) -> I64:
+    """(n,) integers near values of one histogram, at least one."""
+    nearest = np.rint(values)
+    low, high = nearest.min() - 1, nearest.max() + 1
+    if high - low > _MOST_VALUES:
+        return nearest.astype(np.int64)
+    left = values - nearest
+    step = np.where(left >= 0, 1, -1)
+    dearer = weight * ((left - step) ** 2 - left**2)
+    here = (nearest - low).astype(np.int64)
+    chosen = here
+    for _ in range(ROUNDING_ROUNDS):
+        counts = np.bincount(chosen, minlength=int(high - low) + 1)
+        prices = lambda_ * np.log2((len(values) + 1) / (counts + 0.25))
+        chosen = here + step * (dearer < prices[here] - prices[here + step])
+    return np.asarray(chosen + np.int64(low))

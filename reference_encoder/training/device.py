@@ -32,18 +32,6 @@ def run_device(name: str) -> torch.device:
     return torch.device(name)
 
 
-def thread_count() -> int:
-    """Threads of a run that begins: `OMP_NUM_THREADS`, else the processors that this process may use.
-
-    Not what torch says: numba's parallel loops change that number, because both share one OpenMP.
-    """
-    said = os.environ.get("OMP_NUM_THREADS", "")
-    if said.isdecimal() and int(said):
-        return int(said)
-    affinity = getattr(os, "sched_getaffinity", None)  # not on all systems
-    return len(affinity(0)) if affinity else os.cpu_count() or 1
-
-
 @contextmanager
 def reproducible(device: torch.device) -> Iterator[None]:
     """While it lasts, torch computes the same bits from the same numbers, or raises RuntimeError where it cannot.

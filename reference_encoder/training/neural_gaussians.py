@@ -10,7 +10,7 @@ from torch import Tensor
 from reference_encoder.training.anchors import SLOTS, SceneNetworks, network_inputs
 from reference_encoder.training.raster import Gaussians
 from scarfmt.render.camera import Camera
-from scarfmt.render.projection import FRUSTUM_MARGIN, MIN_ALPHA
+from scarfmt.render.native.binding import FRUSTUM_MARGIN, MIN_ALPHA
 
 _DEVIATIONS = 3.0
 

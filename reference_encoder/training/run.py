@@ -17,7 +17,7 @@ from reference_encoder.streaming_block import build_streaming_block
 from reference_encoder.training.anchors import AnchorLattice, SceneNetworks
 from reference_encoder.training.capture import Capture, Photo, pixels
 from reference_encoder.training.densification import AnchorStatistics
-from reference_encoder.training.device import reproducible, run_device, thread_count
+from reference_encoder.training.device import reproducible, run_device
 from reference_encoder.training.evaluate import draw, quality
 from reference_encoder.training.index_entropy import JointIndexModel
 from reference_encoder.training.layers import LayerPlan
@@ -46,6 +46,7 @@ from reference_encoder.training.vq_features import VqFeatures
 from scarfmt.coding.writer import write_scene
 from scarfmt.container.file import Container
 from scarfmt.container.source import BytesSource
+from scarfmt.render.threads import count_threads
 
 VOXEL = 0.5
 """Edge of a voxel, as a share of the median distance of a starting point to its nearest neighbours."""
@@ -181,7 +182,7 @@ class Run:
 
     def __init__(self, capture: Capture, options: TrainOptions, report: Report) -> None:
         self.report = report
-        self.threads = thread_count()
+        self.threads = count_threads()
         torch.set_num_threads(self.threads)
         self.trainer = make_trainer(capture, options)
         self.clock = Clock(options)

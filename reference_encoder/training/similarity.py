@@ -16,8 +16,9 @@ import torch
 from torch import Tensor
 from torch.nn import functional
 
-from reference_encoder.training.raster.compiled import load, on_threads
+from reference_encoder.training.raster.compiled import on_threads
 from scarfmt.render.camera import Camera
+from scarfmt.render.native.binding import load
 
 
 class Similarity(ctypes.Structure):

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, BinaryIO
 import click
 
 from scarfmt.cli.camera_options import camera_of, camera_options
-from scarfmt.cli.failures import requires_extra, warnings_on_stderr
+from scarfmt.cli.failures import warnings_on_stderr
 from scarfmt.cli.files import open_input, timeout_option
 from scarfmt.cli.outputs import SUFFIXES, open_scene_output, output_format, output_options, spz_options, written_report
 from scarfmt.cli.progress import progress
@@ -98,7 +98,6 @@ def parse_attributes(value: str) -> list[str]:
 @click.option("--quiet", "-q", is_flag=True, help="Print nothing but errors.")
 @timeout_option
 @reports
-@requires_extra("render")
 def decode(
     input_: str,
     output: str,

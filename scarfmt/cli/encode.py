@@ -21,7 +21,7 @@ from reference_encoder.options import (
     STAGES,
     EncodeOptions,
 )
-from scarfmt.cli.failures import FAILED, described, requires_extra, warnings_on_stderr
+from scarfmt.cli.failures import FAILED, described, warnings_on_stderr
 from scarfmt.cli.files import STANDARD, check_output, open_input, open_output
 from scarfmt.cli.inputs import FORMAT_IDS, read_scene, render_model_option
 from scarfmt.cli.out_of_core import OutOfCore, Reading, advise, out_of_core_options
@@ -164,7 +164,6 @@ _ENDING = ".scar"
     "--verbose", "-v", is_flag=True, help="Also report layers, what was removed, and quality by kind of view."
 )
 @reports
-@requires_extra("encode")
 def encode(
     inputs: tuple[str, ...],
     output: str,

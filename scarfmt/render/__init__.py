@@ -1,3 +1,3 @@
-"""Rendering and picture comparison; needs the `render` extra (numba, pillow)."""
+"""Rendering and picture comparison; reading and writing pictures needs the `render` extra (pillow)."""
 
 from __future__ import annotations

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -15,7 +16,9 @@ from scarfmt.render.camera import Camera
 from scarfmt.render.capture import load_cameras
 from scarfmt.render.images import read_image
 from scarfmt.render.metrics import psnr, ssim
+from scarfmt.render.projection import Drawable
 from scarfmt.render.rasterise import render
+from scarfmt.render.threads import each_view
 from scarfmt.scene.gaussians import GaussianScene
 
 # Anything that can be looked at: explicit Gaussians, or a function from camera to picture (anchor models).
@@ -86,7 +89,8 @@ def compare(
     Raises:
         InvalidInput: no cameras.
     """
-    pairs = ((camera.name, _picture(a, camera, background), _picture(b, camera, background)) for camera in cameras)
+    draw_a, draw_b = _drawer(a, background), _drawer(b, background)
+    pairs = each_view(lambda camera: (camera.name, draw_a(camera), draw_b(camera)), cameras)
     return compare_pictures(pairs, ssim)
 
 
@@ -114,7 +118,8 @@ def compare_with_photos(
     marked = any(camera.split for camera in everything)
     cameras = [camera for camera in everything if split in ("", camera.split) or not marked]
     folder = (Path(photos) if Path(photos).is_dir() else Path(photos).parent) / "images"
-    pairs = ((camera.name, _picture(scene, camera, background), read_image(folder / camera.name)) for camera in cameras)
+    draw = _drawer(scene, background)
+    pairs = each_view(lambda camera: (camera.name, draw(camera), read_image(folder / camera.name)), cameras)
     return compare_pictures(pairs, ssim)
 
 
@@ -135,5 +140,7 @@ def compare_pictures(pairs: Iterable[tuple[str, Floats, Floats]], with_ssim: boo
     return Comparison(tuple(names), tuple(decibels), tuple(similarities))
 
 
-def _picture(view: View, camera: Camera, background: Sequence[float]) -> Floats:
-    return render(view, camera, background) if isinstance(view, GaussianScene) else view(camera)
+def _drawer(view: View, background: Sequence[float]) -> Callable[[Camera], Floats]:
+    if not isinstance(view, GaussianScene):
+        return view
+    return partial(render, Drawable.of(view), background=background)

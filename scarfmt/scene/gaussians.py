@@ -66,12 +66,12 @@ class GaussianScene:
         return f"<GaussianScene: {plural(len(self), 'Gaussian')}, SH degree {self.sh_degree}>"
 
     def _repr_png_(self) -> bytes | None:
-        """A picture for notebooks; None, and so the text, where the extra ``render`` is not installed."""
+        """A picture for notebooks; None, and so the text, without the extra ``render`` or the compiled renderer."""
         try:
             notebook = importlib.import_module("scarfmt.render.notebook")  # by name: drawing lies above this module
-        except ModuleNotFoundError:
+            picture: bytes | None = notebook.picture(self)
+        except (ModuleNotFoundError, InvalidInput):
             return None
-        picture: bytes | None = notebook.picture(self)
         return picture
 
     @property

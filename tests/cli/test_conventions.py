@@ -221,7 +221,7 @@ def failing(error: BaseException) -> click.Group:
     def group() -> None: ...
 
     @group.command()
-    @requires_extra("encode")
+    @requires_extra("render")
     def work() -> None:
         raise error
 
@@ -234,7 +234,7 @@ def failing(error: BaseException) -> click.Group:
         (MemoryError(), 1, "out-of-memory"),
         (PermissionError(13, "Permission denied", "x.ply"), 1, "os-error: [Errno 13] Permission denied: 'x.ply'"),
         (ModuleNotFoundError("No module", name="torch.nn"), 1, "pip install 'scarfmt[train]'"),
-        (ModuleNotFoundError("No module", name="numba"), 1, "pip install 'scarfmt[encode]'"),
+        (ModuleNotFoundError("No module", name="PIL"), 1, "pip install 'scarfmt[render]'"),
         (InvalidInput("input-frame", "which way is up?"), 2, "input-frame: which way is up?"),
         (KeyboardInterrupt(), 130, "interrupted"),
     ],

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+import importlib.util
 import json
-import sys
 import time
 from pathlib import Path
 
@@ -21,6 +21,7 @@ from scarfmt.counters import Counters
 from scarfmt.formats import load
 from scarfmt.formats.inria_ply import write_inria_ply
 from scarfmt.formats.outputs import OUTPUTS
+from scarfmt.render.native import binding
 from scarfmt.scene.gaussians import AnchorModel, GaussianScene
 from tests.cli.conftest import Run, Shell, gaussians
 
@@ -207,15 +208,17 @@ def test_baking_for_cameras_is_another_scene(run: Run, anchors: Path, tmp_path: 
     assert told != (tmp_path / "a.ply").read_bytes()
 
 
-def test_baking_without_the_renderer_names_the_extra(
+def test_baking_without_the_renderer_says_what_to_install(
     run: Run, anchors: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setitem(sys.modules, "numba", None)
-    for name in ("reference_decoder.refine", "scarfmt.render.gradients"):
-        monkeypatch.delitem(sys.modules, name, raising=False)
+    found = importlib.util.find_spec
+    library = "scarfmt.render.native.native"
+    monkeypatch.setattr(importlib.util, "find_spec", lambda name: None if name == library else found(name))
+    binding.load.cache_clear()
     result = run("decode", anchors, tmp_path / "a.ply", "--bake")
     assert result.exit_code == 1
-    assert "scarfmt[render]" in result.stderr
+    assert "input-dependency: drawing needs the compiled renderer" in result.stderr
+    assert "GCC or Clang" in result.stderr
     assert list(tmp_path.iterdir()) == []
 
 

@@ -151,20 +151,6 @@ def test_invalid_rows_are_refused_or_dropped(run: Run, tmp_path: Path) -> None:
     assert "left out 1 of 50 Gaussians" in dropped.stderr
 
 
-def test_a_missing_package_is_told_with_the_extra_to_install(
-    run: Run, ply: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def broken(*_arguments: object) -> bytes:
-        raise ModuleNotFoundError("No module named 'torch'", name="torch")
-
-    monkeypatch.setattr("reference_encoder.encode.encode", broken)
-    result = run("encode", ply, tmp_path / "a.scar")
-    assert result.exit_code == 1
-    assert "input-dependency: this needs the package torch: " in result.stderr
-    assert "pip install 'scarfmt[train]'" in result.stderr
-    assert list(tmp_path.iterdir()) == []
-
-
 def test_choices_are_those_of_the_encoder() -> None:
     options = {parameter.name: parameter.type for parameter in cli.commands["encode"].params}
     assert tuple(known.id for known in FORMATS) == FORMAT_IDS

@@ -71,7 +71,6 @@ def test_a_pipe_is_encoded_as_its_file_is(run: Run, feed: Feed, ply: Path, tmp_p
 
 def test_pipes_are_compared_also_layer_by_layer(run: Run, feed: Feed, ply: Path, encoded: Path) -> None:
     """The layers of one pipe are all read from what came through it once."""
-    pytest.importorskip("numba", reason="needs the extra render")
     view = ("--views", 1, "--size", "32x24", "--json", "--no-ssim")
     result = run("compare", feed(ply), feed(encoded), *view, "--all-layers")
     assert result.exit_code == 0, result.stderr

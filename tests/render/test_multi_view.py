@@ -11,9 +11,9 @@ import pytest
 from scarfmt.arrays import F32
 from scarfmt.errors import InvalidInput
 from scarfmt.render.camera import Camera, orbit_cameras
-from scarfmt.render.jit import each_view
 from scarfmt.render.projection import Drawable
 from scarfmt.render.rasterise import render
+from scarfmt.render.threads import each_view
 from tests.render.scenes import random_scene
 
 

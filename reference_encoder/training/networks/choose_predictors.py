@@ -14,7 +14,6 @@ from functools import cached_property
 from typing import cast
 
 import numpy as np
-from numba import get_num_threads
 
 from reference_encoder.training.networks.predictor_training import BUCKETS, float_contexts, quantised, train
 from reference_encoder.tuning import (
@@ -38,6 +37,7 @@ from scarfmt.entropy.keys import TableKey
 from scarfmt.errors import Malformed
 from scarfmt.neural.predicted import Predictors
 from scarfmt.neural.predictors import MAX_INPUTS, Predictor, first_use, input_width
+from scarfmt.render.threads import count_threads
 from scarfmt.scene.model import MAX_CLASSES, LayerRow, SceneModel
 
 Key = tuple[int, int, int]
@@ -145,7 +145,7 @@ def choose_predictors(
     gains: list[Gain | None] = []
     for batch in _batches(model, whole, promising):
         # Each predictor is trained by itself, so threads change nothing. No name holds samples while others are drawn.
-        with ThreadPoolExecutor(get_num_threads()) as pool:
+        with ThreadPoolExecutor(count_threads()) as pool:
             gains += pool.map(best, samples(model, frames, contents, whole, batch, seeds).items())
     return _sent(model, [gain for gain in gains if gain is not None])
 

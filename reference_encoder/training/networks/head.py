@@ -16,7 +16,7 @@ import numpy as np
 import torch
 from torch import nn
 
-from reference_encoder.jit import compiled, reduced
+from reference_encoder.training.networks.jit import compiled, reduced
 from reference_encoder.training.networks.layers import (
     HIDDEN_UNIT,
     TOP,

@@ -15,7 +15,7 @@ import torch
 from numpy.typing import NDArray
 from torch import nn
 
-from reference_encoder.jit import compiled
+from reference_encoder.training.networks.jit import compiled
 from reference_encoder.tuning import (
     CODEWORD_DIMS,
     FINE_WEIGHTS_FROM,

@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from reference_encoder.jit import compiled, reduced
+from reference_encoder.training.networks.jit import compiled, reduced
 from reference_encoder.tuning import (
     BUCKET_PERCENTS,
     LAST_SLOWER,

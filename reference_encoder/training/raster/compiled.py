@@ -1,23 +1,19 @@
-"""Pictures of Gaussians on the CPU by the compiled library: project.c, bins.c, composite.c (docs/decisions/0034)."""
+"""Pictures of Gaussians on the CPU, with gradients, by the compiled renderer (docs/decisions/0034)."""
 
 from __future__ import annotations
 
-import ctypes
-import importlib.util
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
-from ctypes import POINTER, byref, c_double, c_float, c_int64, c_void_p, sizeof
+from ctypes import byref, c_float, c_int64
 from dataclasses import dataclass
 from functools import cache
-from pathlib import Path
 from typing import Any, cast
 
 import torch
 from torch import Tensor
 
-from scarfmt.errors import InvalidInput
 from scarfmt.render.camera import Camera
-from scarfmt.render.projection import FRUSTUM_MARGIN, MAX_ALPHA, MIN_ALPHA, MIN_TRANSMITTANCE
+from scarfmt.render.native.binding import ELLIPSE, GRADIENTS, SPLAT, TILE, Job, Lens, Scene, load
 
 
 @dataclass(frozen=True)
@@ -41,99 +37,6 @@ class Gaussians:
     def tensors(self) -> tuple[Tensor, Tensor, Tensor, Tensor, Tensor]:
         """All tensors, in this order."""
         return self.centres, self.scales, self.rotations, self.opacities, self.colours
-
-
-INTERFACE = 2
-"""The number of the interface in composite.c."""
-TILE = 16
-"""Pixels of a tile, each way."""
-GRADIENTS = 9
-"""Numbers that the backward pass leaves for an intersection."""
-ELLIPSE, SPLAT = 6, 12
-"""Floats of an `Ellipse` and of a `Splat` of raster.h."""
-
-
-class Scene(ctypes.Structure):
-    """M Gaussians: `Scene` of raster.h."""
-
-    _fields_ = [(name, c_void_p) for name in ("centres", "scales", "rotations", "opacities", "colours")]
-
-
-class Lens(ctypes.Structure):
-    """A camera: `Lens` of raster.h."""
-
-    _fields_ = [
-        ("pose", c_double * 12),
-        *[(name, c_float) for name in ("fx", "fy", "cx", "cy", "width", "height", "near", "dilation")],
-        *[(name, c_float) for name in ("limit_x", "limit_y", "widest", "min_alpha")],
-    ]
-
-
-class Job(ctypes.Structure):
-    """The arguments of compositing: `Job` of composite.h, which describes each."""
-
-    _fields_ = [
-        *[(name, c_int64) for name in ("width", "height", "columns", "tiles")],
-        *[(name, c_float) for name in ("max_alpha", "min_alpha", "min_transmittance")],
-        ("background", c_float * 3),
-        *[(name, c_void_p) for name in ("splats", "offsets", "listed", "owners")],
-        *[(name, c_void_p) for name in ("image", "transmittance", "weights", "drawn", "towards", "gradients")],
-    ]
-
-
-_SPLATS = 4 * SPLAT
-_SIGNATURES: dict[str, tuple[type | None, list[type]]] = {
-    "scar_composite_interface": (c_int64, []),
-    "scar_composite_tile": (c_int64, []),
-    "scar_composite_structs": (c_int64, []),
-    "scar_composite": (None, [POINTER(Job), POINTER(c_int64)]),
-    "scar_composite_back": (None, [POINTER(Job), POINTER(c_int64)]),
-    "scar_composite_weights": (None, [*[c_void_p] * 3, c_int64, c_int64, c_void_p]),
-    "scar_composite_gather": (None, [*[c_void_p] * 4, c_int64, c_int64, *[c_void_p] * 4]),
-    "scar_project": (None, [POINTER(Scene), POINTER(Lens), c_int64, c_int64, *[c_void_p] * 3]),
-    "scar_project_back": (None, [POINTER(Scene), POINTER(Lens), c_int64, c_int64, *[c_void_p] * 6]),
-    "scar_nearest_first": (c_int64, [c_void_p, c_int64, *[c_void_p] * 3]),
-    "scar_arrange": (None, [POINTER(Scene), c_void_p, c_int64, c_int64, *[c_void_p] * 3]),
-    "scar_count_tiles": (None, [c_void_p, c_int64, c_int64, c_int64, *[c_void_p] * 3]),
-    "scar_list_tiles": (None, [c_void_p, c_int64, c_int64, *[c_void_p] * 3]),
-}
-
-
-@cache
-def load() -> ctypes.CDLL:
-    """The library with its functions declared.
-
-    Raises:
-        InvalidInput: ``input-dependency``: it was not built, or for another machine or version.
-    """
-    spec = importlib.util.find_spec("reference_encoder.training.raster.native")
-    if spec is None or spec.origin is None:
-        raise _absent(f"it was not built, {_failure()}")
-    try:
-        library = ctypes.CDLL(spec.origin)
-        for name, (result, arguments) in _SIGNATURES.items():
-            function = getattr(library, name)
-            function.restype, function.argtypes = result, arguments
-    except (OSError, AttributeError) as error:
-        raise _absent(f"it was built for another machine or version: {error}") from error
-    expected = INTERFACE, TILE, sizeof(Job) + sizeof(Lens) + sizeof(Scene) + _SPLATS
-    built = library.scar_composite_interface(), library.scar_composite_tile(), library.scar_composite_structs()
-    if built != expected:
-        raise _absent(f"it was built from another version: {built}, not {expected}")
-    return library
-
-
-def _failure() -> str:
-    """Why the build made no library, if it left word of that (setup.py)."""
-    try:
-        return Path(__file__).with_name("native.failed.txt").read_text().strip()
-    except OSError:
-        return "perhaps there was no C compiler"
-
-
-def _absent(why: str) -> InvalidInput:
-    advice = "install scarfmt anew where GCC or Clang is found"
-    return InvalidInput("input-dependency", f"training on the CPU needs the compiled rasteriser: {why}; {advice}")
 
 
 def pointer(tensor: Tensor, dtype: torch.dtype = torch.float32) -> int:
@@ -203,21 +106,15 @@ class Prepared:
     listing: Listing
 
 
-def _lens(camera: Camera) -> Lens:
-    limit_x, limit_y = FRUSTUM_MARGIN * camera.width / (2 * camera.fx), FRUSTUM_MARGIN * camera.height / (2 * camera.fy)
-    widest = max(camera.fx**2 * (1 + limit_x**2), camera.fy**2 * (1 + limit_y**2))
-    pose = (c_double * 12)(*camera.world_to_camera[:3].ravel().tolist())
-    size = camera.fx, camera.fy, camera.cx, camera.cy, camera.width, camera.height
-    return Lens(pose, *size, camera.near, camera.dilation, limit_x, limit_y, widest, MIN_ALPHA)
-
-
-_Packed = tuple[Gaussians, Scene, Lens]
+_Packed = tuple[tuple[Tensor, ...], Scene, Lens]
 """Gaussians and a camera as the library takes them; the first of the three keeps the memory."""
 
 
 def _pack(gaussians: Gaussians, camera: Camera) -> _Packed:
-    held = Gaussians(*(one.detach().contiguous() for one in gaussians.tensors()))
-    return held, Scene(*(pointer(one) for one in held.tensors())), _lens(camera)
+    centres, *others = (one.detach().contiguous() for one in gaussians.tensors())
+    exact = centres.double()
+    scene = Scene(pointer(exact, torch.float64), *(pointer(one) for one in others))
+    return (exact, *others), scene, Lens.of(camera)
 
 
 def _nearest_first(keys: Tensor) -> Tensor:
@@ -252,8 +149,8 @@ class _Projected(torch.autograd.Function):
 
     @staticmethod
     def backward(ctx: Any, to_means: Tensor, to_ellipses: Tensor) -> tuple[Tensor | None, ...]:
-        (held, scene, lens), count = ctx.view, len(ctx.places)
-        gradients = [torch.empty_like(one) for one in (held.centres, held.scales, held.rotations)]
+        (_, scene, lens), count = ctx.view, len(ctx.places)
+        gradients = [torch.empty(count, width) for width in (3, 3, 4)]
         towards = to_means.contiguous(), to_ellipses.contiguous()
         rows = [pointer(ctx.places, torch.int32), *(pointer(one) for one in (*towards, *gradients))]
 
@@ -289,8 +186,7 @@ def prepare(gaussians: Gaussians, camera: Camera) -> Prepared:
 
 def _job(camera: Camera, prepared: Prepared, background: Tensor) -> Job:
     listing = prepared.listing
-    job = Job(width=camera.width, height=camera.height, columns=listing.columns, tiles=len(listing.offsets) - 1)
-    job.max_alpha, job.min_alpha, job.min_transmittance = MAX_ALPHA, MIN_ALPHA, MIN_TRANSMITTANCE
+    job = Job.of(camera)
     job.background = (c_float * 3)(*background.tolist())
     job.splats, job.offsets = pointer(prepared.splats), pointer(listing.offsets, torch.int64)
     job.listed, job.owners = pointer(listing.listed, torch.int32), pointer(listing.owners, torch.int32)

@@ -14,10 +14,10 @@ from typing import Any, cast
 import torch
 from torch import Tensor
 
-from reference_encoder.training.raster.compiled import GRADIENTS, TILE, Gaussians, Listing
+from reference_encoder.training.raster.compiled import Gaussians, Listing
 from scarfmt.errors import missing_package
 from scarfmt.render.camera import Camera
-from scarfmt.render.projection import FRUSTUM_MARGIN, MAX_ALPHA, MIN_ALPHA, MIN_TRANSMITTANCE
+from scarfmt.render.native.binding import FRUSTUM_MARGIN, GRADIENTS, MAX_ALPHA, MIN_ALPHA, MIN_TRANSMITTANCE, TILE
 
 _BOUND_SLACK = 2e-3
 """Bounds of an ellipse are widened by so much of a pixel, so that rounding to binary32 never drops a pixel."""

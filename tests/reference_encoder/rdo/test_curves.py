@@ -37,10 +37,13 @@ def test_hull_choice_is_the_minimum() -> None:
 
 
 def test_entropy_matches_counts() -> None:
-    """Four equally likely symbols cost two bits each, plus the tables."""
-    symbols = np.tile(np.arange(4), 1000)
-    assert entropy_bits(symbols, np.zeros(4000, np.int64)) == 8000 + 4 * 8.0
-    assert entropy_bits(symbols, symbols) == 4 * 8.0
+    """Four equally likely symbols cost two bits each, plus the tables; every class has its own."""
+    symbols, classes = np.tile(np.arange(4), 1000), np.repeat([0, 2], 2000)
+    one, nothing = np.zeros(4000, np.int64), np.zeros(4000, np.int64)
+    assert entropy_bits(symbols, nothing, 1, one, np.ones(1)).tolist() == [8000 + 4 * 8.0]
+    assert entropy_bits(symbols, symbols, 4, one, np.ones(1)).tolist() == [4 * 8.0]
+    assert entropy_bits(symbols, nothing, 1, classes, np.array([1.0, 1.0, 3.0])).tolist() == [4032.0, 0.0, 12032.0]
+    assert entropy_bits(symbols * 10**9, nothing, 1, one, np.ones(1)).tolist() == [8000 + 4 * 8.0]
 
 
 def test_aligned_steps_hit_the_best_step() -> None:

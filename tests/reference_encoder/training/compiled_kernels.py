@@ -13,7 +13,7 @@ import torch
 
 from reference_encoder.training import run
 from reference_encoder.training.raster import cuda
-from reference_encoder.training.raster.compiled import Job, load
+from scarfmt.render.native.binding import Job, load
 from tests.reference_encoder.training.elsewhere import Tensor, elsewhere
 
 _LISTS = ("splats", "offsets", "listed", "owners")

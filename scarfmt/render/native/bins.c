@@ -1,12 +1,23 @@
-/* Splats sorted by depth and listed by tiles: what binning.py does in torch. Serial: each is a pass through memory. */
+/* Splats sorted by depth and listed by tiles. Serial: each is a pass through memory. */
 
-#include <math.h>
 #include <string.h>
 
 #include "raster.h"
 
 #define DIGIT_BITS 11
 #define DIGITS (1 << DIGIT_BITS)
+
+uint64_t *sort_entries(uint64_t *entries, uint64_t *spare, int64_t count) {
+    for (int shift = 32; shift < 64; shift += DIGIT_BITS) {
+        int64_t starts[DIGITS + 1] = {0};
+        for (int64_t i = 0; i < count; i++) starts[(entries[i] >> shift) % DIGITS + 1]++;
+        for (int i = 0; i < DIGITS; i++) starts[i + 1] += starts[i];
+        for (int64_t i = 0; i < count; i++) spare[starts[(entries[i] >> shift) % DIGITS]++] = entries[i];
+        uint64_t *sorted = spare;
+        spare = entries, entries = sorted;
+    }
+    return entries;
+}
 
 /* Fills `which` with the numbers of the keys that are not UNSEEN, of the least first, of equal ones the first; how many.
 `entries` and `spare` have room for `count` each. */
@@ -16,15 +27,8 @@ EXPORT int64_t scar_nearest_first(const uint32_t *keys, int64_t count, uint64_t 
         entries[seen] = (uint64_t)keys[i] << 32 | (uint64_t)i;
         seen += keys[i] != UNSEEN;
     }
-    for (int shift = 32; shift < 64; shift += DIGIT_BITS) {
-        int64_t starts[DIGITS + 1] = {0};
-        for (int64_t i = 0; i < seen; i++) starts[(entries[i] >> shift) % DIGITS + 1]++;
-        for (int i = 0; i < DIGITS; i++) starts[i + 1] += starts[i];
-        for (int64_t i = 0; i < seen; i++) spare[starts[(entries[i] >> shift) % DIGITS]++] = entries[i];
-        uint64_t *sorted = spare;
-        spare = entries, entries = sorted;
-    }
-    for (int64_t i = 0; i < seen; i++) which[i] = (int64_t)(entries[i] & UINT32_MAX);
+    const uint64_t *sorted = sort_entries(entries, spare, seen);
+    for (int64_t i = 0; i < seen; i++) which[i] = (int64_t)(sorted[i] & UINT32_MAX);
     return seen;
 }
 
@@ -53,7 +57,7 @@ EXPORT void scar_count_tiles(const Splat *splats, int64_t seen, int64_t width, i
     for (int64_t tile = 0; tile < tiles; tile++) offsets[tile + 1] += offsets[tile];
 }
 
-/* Fills `listed` and `owners` of a Listing; `fill` is a copy of the offsets, and is used up. */
+/* Fills `listed`, unless it is null, and `owners` of a Job; `fill` is a copy of the offsets, and is used up. */
 EXPORT void scar_list_tiles(const int32_t *spans, int64_t seen, int64_t columns, int64_t *fill, int32_t *listed,
                             int32_t *owners) {
     int32_t number = 0;
@@ -62,7 +66,7 @@ EXPORT void scar_list_tiles(const int32_t *spans, int64_t seen, int64_t columns,
         for (int32_t row = span[2]; row <= span[3]; row++)
             for (int32_t column = span[0]; column <= span[1]; column++, number++) {
                 int64_t place = fill[row * columns + column]++;
-                listed[place] = number;
+                if (listed) listed[place] = number;
                 owners[place] = (int32_t)i;
             }
     }
@@ -74,6 +78,6 @@ EXPORT void scar_arrange(const Scene *g, const int64_t *which, int64_t first, in
     for (int64_t i = first; i < past; i++) {
         int64_t w = which[i];
         const float *colour = g->colours + 3 * w, *mean = means + 2 * w;
-        splats[i] = (Splat){mean[0], mean[1], ellipses[w], log2f(g->opacities[w]), colour[0], colour[1], colour[2]};
+        splats[i] = (Splat){mean[0], mean[1], ellipses[w], colour[0], colour[1], colour[2]};
     }
 }

@@ -18,7 +18,7 @@ same number, so results are the same bits whatever the number of threads. No fun
 #define WIDE_TILES 0
 #endif
 
-/* Everything that a call is given; loading.py has it too. Intersections are pairs of a tile and a splat that may show
+/* Everything that a call is given; binding.py has it too. Intersections are pairs of a tile and a splat that may show
 in it: numbered splat by splat, and listed tile by tile, nearest first. */
 typedef struct {
     int64_t width, height, columns, tiles;
@@ -30,15 +30,18 @@ typedef struct {
     const int32_t *owners;    /* (intersections,) their splats */
     float *image;             /* (height, width, 3) */
     float *transmittance;     /* (height, width) what is left for the background */
-    float *weights;           /* (intersections,) sums of alpha times transmittance, by number */
+    float *weights;           /* (intersections,) sums of alpha times transmittance, by number; or null */
     int32_t *drawn;           /* (tiles,) splats blended before all pixels were closed */
     const float *towards;     /* (height, width, 3) gradient of the picture */
     float *gradients;         /* (intersections, GRADIENTS), by number */
+    float *measures;          /* (intersections, MEASURES), by number, of those with a weight: sums of w^2 and of w^2
+                                 |c - c_behind|^2, and the largest w, for weights w, colours c and what is behind */
 } Job;
 
 /* What is done to a tile, with the vectors of some processor. */
 typedef struct {
     void (*blend)(const Job *job, int64_t tile);   /* fills image, transmittance, weights and drawn */
+    void (*measure)(const Job *job, int64_t tile); /* fills weights, drawn and measures */
     void (*unblend)(const Job *job, int64_t tile); /* fills gradients; the picture and drawn are those that blend left */
 } Tiles;
 

@@ -6,7 +6,7 @@ row are its own: the same bits whatever the number of threads. */
 #include <stdint.h>
 #include <string.h>
 
-#include "../../scarfmt/native/compiler.h"
+#include "../../native/compiler.h"
 
 enum { RADIUS = 5, REACH = 3 * RADIUS, MAPS = 3 };
 

@@ -6,7 +6,7 @@
 
 #include <immintrin.h>
 
-#define TARGET target("avx2,fma")
+#define TARGET target("avx2")
 #define TILES tiles_avx2
 #include "composite_vectors.h"
 

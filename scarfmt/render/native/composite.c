@@ -1,19 +1,26 @@
 /* Which vectors the processor at hand has, and how threads share the work. */
 
-#include <math.h>
+#include <string.h>
 
 #include "composite.h"
+#include "numbers.h"
 
-/* Grows with every change of Job or of what its arrays hold: loading.py loads no other. */
-#define INTERFACE 2
+/* Grows with every change of Job or of what its arrays hold: binding.py loads no other. */
+#define INTERFACE 3
 
-EXPORT int64_t scar_composite_interface(void) { return INTERFACE; }
-EXPORT int64_t scar_composite_tile(void) { return TILE; }
-EXPORT int64_t scar_composite_structs(void) { return sizeof(Job) + sizeof(Lens) + sizeof(Scene) + sizeof(Splat); }
+EXPORT int64_t scar_render_interface(void) { return INTERFACE; }
+EXPORT int64_t scar_render_structs(void) {
+    return sizeof(Job) + sizeof(Lens) + sizeof(Outlook) + sizeof(Scene) + sizeof(Splat);
+}
+
+static int plain = 0;
+
+/* Whether to do without wide vectors, which are as exact, and faster. */
+EXPORT void scar_render_plainly(int64_t wanted) { plain = wanted != 0; }
 
 static const Tiles *tiles_at_hand(void) {
 #if WIDE_TILES
-    if (__builtin_cpu_supports("avx2") && __builtin_cpu_supports("fma")) return &tiles_avx2;
+    if (!plain && __builtin_cpu_supports("avx2")) return &tiles_avx2;
 #endif
     return &tiles_plain;
 }
@@ -22,8 +29,11 @@ static void each_tile(const Job *job, int64_t *next, void (*work)(const Job *, i
     for (int64_t tile; (tile = __atomic_fetch_add(next, 1, __ATOMIC_RELAXED)) < job->tiles;) work(job, tile);
 }
 
-/* Fills image, transmittance, weights and drawn of the tiles that it takes: numbers from `next` up. */
+/* Fills image, transmittance, weights (unless null) and drawn of the tiles that it takes: numbers from `next` up. */
 EXPORT void scar_composite(const Job *job, int64_t *next) { each_tile(job, next, tiles_at_hand()->blend); }
+
+/* Fills weights, drawn and measures of the tiles that it takes. */
+EXPORT void scar_composite_measure(const Job *job, int64_t *next) { each_tile(job, next, tiles_at_hand()->measure); }
 
 /* Fills the gradients of the tiles that it takes; the picture and `drawn` are those that scar_composite left. */
 EXPORT void scar_composite_back(const Job *job, int64_t *next) { each_tile(job, next, tiles_at_hand()->unblend); }
@@ -54,7 +64,21 @@ EXPORT void scar_composite_gather(const float *gradients, const int64_t *starts,
         ellipses[3 * i + 2] = -0.5f * moments[5];
         means[2 * which[i]] = across * moments[1];
         means[2 * which[i] + 1] = down * moments[4] - slope * across * moments[1];
-        opacities[which[i]] = moments[0] * exp2f(-splats[i].log_opacity);
+        opacities[which[i]] = moments[0] * (float)exp_of(-0.6931471805599453 * splats[i].ellipse.log_opacity);
         for (int64_t c = 0; c < 3; c++) colours[3 * which[i] + c] = sums[c];
     }
+}
+
+/* Fills the (count, MEASURES) sums of the `measures` of each splat, of the last the largest; those without a weight are 0. */
+EXPORT void scar_composite_measures(const float *weights, const float *measures, const int64_t *starts, int64_t count,
+                                    double *sums) {
+    memset(sums, 0, sizeof *sums * MEASURES * count);
+    for (int64_t i = 0; i < count; i++)
+        for (int64_t r = starts[i]; r < starts[i + 1]; r++) {
+            const float *found = measures + MEASURES * r;
+            double *sum = sums + MEASURES * i;
+            if (!(weights[r] > 0)) continue;
+            sum[0] += found[0], sum[1] += found[1];
+            if (found[2] > sum[2]) sum[2] = found[2];
+        }
 }

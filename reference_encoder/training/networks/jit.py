@@ -1,4 +1,4 @@
-"""One place for the options of the encoder's own compiled loops."""
+"""One place for the options of compiled loops."""
 
 from __future__ import annotations
 

@@ -8,6 +8,7 @@ smaller, root, where (one or the other, by a mask), signs (a bit for each that i
 #define STRIDE (TILE + SPAN) /* of a row of a tile: a span that starts in the tile may end beyond it */
 #define PIXELS (TILE * STRIDE)
 #define EARLY 8
+#define FEW_ROWS 5 /* up to so many, rows are looked at one by one */
 #define CHECK_EVERY 16 /* splats between two looks at whether any pixel of the tile is still open */
 /* The bounds of a row are widened by so much, so that rounding never drops a pixel; alphas decide. */
 #define SLACK_PX 2e-3f
@@ -103,7 +104,30 @@ PART Place place_of(const Job *job, int64_t tile) {
 
 static const V LANES = {0, 1, 2, 3, 4, 5, 6, 7};
 
+/* The rows of a splat that is no wider than SPAN, one by one; 0 if it is wider, or higher than a few rows. */
+PART int find_small_reach(const Splat *s, const Place *p, Reach *r) {
+    float x = s->mean_x - p->left - 0.5f, y = s->mean_y - p->top - 0.5f, most = TILE - 1;
+    float left = x - s->ellipse.half_x, right = x + s->ellipse.half_x, top = y - s->ellipse.half_y,
+          bottom = y + s->ellipse.half_y;
+    if (!(right - left < SPAN - 1 && bottom - top < FEW_ROWS)) return 0;
+    int32_t first = left > 0 ? (int32_t)(left + 0.999f) : 0, row = top > 0 ? (int32_t)(top + 0.999f) : 0;
+    int32_t last = bottom < 0 ? -1 : bottom > most ? TILE - 1 : (int32_t)bottom;
+    float down = HALF_LOG2_E * s->ellipse.down;
+    r->spans = 0;
+    if (first >= TILE || right < 0) return 1;
+    for (; row <= last; row++) {
+        float dy = (float)row - y;
+        r->spans |= 1u << row;
+        r->first[row] = first;
+        r->dy[row] = dy;
+        r->ridge[row] = (float)first - (s->ellipse.slope * dy + x);
+        r->exponent[row] = s->ellipse.log_opacity - down * dy * dy;
+    }
+    return 1;
+}
+
 PART void find_reach(const Splat *s, const Place *p, Reach *r) {
+    if (find_small_reach(s, p, r)) return;
     float per_half = 1.0f / s->ellipse.half_y, down = HALF_LOG2_E * s->ellipse.down;
     V none = all(0.0f), last_column = all(TILE - 1);
     r->spans = 0;
@@ -119,7 +143,7 @@ PART void find_reach(const Splat *s, const Place *p, Reach *r) {
         memcpy(r->first + row, &first, sizeof first);
         store(r->dy + row, dy);
         store(r->ridge + row, __builtin_convertvector(first, V) - middle);
-        store(r->exponent + row, s->log_opacity - down * dy * dy);
+        store(r->exponent + row, s->ellipse.log_opacity - down * dy * dy);
     }
 }
 
@@ -153,6 +177,7 @@ PART float blend(const Job *job, const Splat *s, const Place *p, Blend *b) {
         int32_t bit = __builtin_ctz(spans), row = bit % TILE, later = bit / TILE * SPAN;
         int32_t i = row * STRIDE + reach.first[row] + later;
         V u = LANES + (reach.ridge[row] + later);
+        if (!signs(load(b->transmittance + i) > 0.0f)) continue;
         V alpha = capped(job, uncapped(u, across, reach.exponent[row]));
         V weight = shade(job, alpha, b->transmittance + i);
         store(b->red + i, load(b->red + i) + weight * s->red);
@@ -175,19 +200,73 @@ PART void finish(const Job *job, const Place *p, const Blend *b) {
         }
 }
 
+/* Blends the splats of a tile until all pixels are closed; fills weights and drawn. */
+PART void blend_splats(const Job *job, int64_t tile, const Place *p, Blend *b) {
+    open_pixels(b->transmittance, p);
+    int64_t first = job->offsets[tile], past = job->offsets[tile + 1], k = first;
+    for (; k < past; k++) {
+        if ((k - first) % CHECK_EVERY == 0 && !any_open(b->transmittance)) break;
+        prefetch(job, k, past);
+        float weight = blend(job, job->splats + job->owners[k], p, b);
+        if (job->weights) job->weights[job->listed[k]] = weight;
+    }
+    job->drawn[tile] = (int32_t)(k - first);
+    if (job->weights)
+        for (; k < past; k++) job->weights[job->listed[k]] = 0.0f;
+}
+
 static void __attribute__((TARGET)) blend_tile(const Job *job, int64_t tile) {
     Place p = place_of(job, tile);
     Blend b = {0};
-    open_pixels(b.transmittance, &p);
-    int64_t first = job->offsets[tile], past = job->offsets[tile + 1], k = first;
-    for (; k < past; k++) {
-        if ((k - first) % CHECK_EVERY == 0 && !any_open(b.transmittance)) break;
-        prefetch(job, k, past);
-        job->weights[job->listed[k]] = blend(job, job->splats + job->owners[k], &p, &b);
-    }
-    job->drawn[tile] = (int32_t)(k - first);
-    for (; k < past; k++) job->weights[job->listed[k]] = 0.0f;
+    blend_splats(job, tile, &p, &b);
     finish(job, &p, &b);
+}
+
+/* The colour behind a splat, of which transmittance `after` is left: what is finished less what is in front. */
+PART V contrast(float colour, const float *left, V share) {
+    V over = colour - load(left) * share;
+    return over * over;
+}
+
+/* Blends a splat again; `left` begins as the finished colours, and blended ones are taken from it. */
+PART void measure(const Job *job, const Splat *s, const Place *p, Blend *left, float *out) {
+    Reach reach;
+    float across = HALF_LOG2_E * s->ellipse.across;
+    find_reach(s, p, &reach);
+    V squares = {0}, contrasts = {0}, largest = {0};
+    for (uint32_t spans = reach.spans; spans; spans &= spans - 1) {
+        int32_t bit = __builtin_ctz(spans), row = bit % TILE, later = bit / TILE * SPAN;
+        int32_t i = row * STRIDE + reach.first[row] + later;
+        V u = LANES + (reach.ridge[row] + later), before = load(left->transmittance + i);
+        if (!signs(before > 0.0f)) continue;
+        V alpha = capped(job, uncapped(u, across, reach.exponent[row]));
+        V weight = shade(job, alpha, left->transmittance + i);
+        store(left->red + i, load(left->red + i) - weight * s->red);
+        store(left->green + i, load(left->green + i) - weight * s->green);
+        store(left->blue + i, load(left->blue + i) - weight * s->blue);
+        V share = 1.0f / larger(before - weight, all(job->min_transmittance)), square = weight * weight;
+        squares += square;
+        contrasts += square * (contrast(s->red, left->red + i, share) + contrast(s->green, left->green + i, share) +
+                               contrast(s->blue, left->blue + i, share));
+        largest = larger(largest, weight);
+    }
+    float most = 0;
+    for (int i = 0; i < SPAN; i++) most = largest[i] > most ? largest[i] : most;
+    out[0] = sum(squares), out[1] = sum(contrasts), out[2] = most;
+}
+
+static void __attribute__((TARGET)) measure_tile(const Job *job, int64_t tile) {
+    Place p = place_of(job, tile);
+    Blend b = {0};
+    blend_splats(job, tile, &p, &b);
+    open_pixels(b.transmittance, &p);
+    int64_t first = job->offsets[tile], past = first + job->drawn[tile];
+    for (int64_t k = first; k < past; k++) {
+        prefetch(job, k, past);
+        int64_t number = job->listed[k];
+        if (job->weights[number] > 0)
+            measure(job, job->splats + job->owners[k], &p, &b, job->measures + MEASURES * number);
+    }
 }
 
 /* A splat's colour, and then moments of the gradient of the exponent (per natural exponent): its sum, sums with u, u dy,
@@ -252,4 +331,4 @@ static void __attribute__((TARGET)) unblend_tile(const Job *job, int64_t tile) {
     for (; k < past; k++) memset(job->gradients + GRADIENTS * (int64_t)job->listed[k], 0, GRADIENTS * sizeof(float));
 }
 
-const Tiles TILES = {blend_tile, unblend_tile};
+const Tiles TILES = {blend_tile, measure_tile, unblend_tile};

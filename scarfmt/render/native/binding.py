@@ -1,0 +1,161 @@
+"""The compiled renderer: found, loaded, its functions and structs declared as in ``raster.h`` and ``composite.h``."""
+
+from __future__ import annotations
+
+import ctypes
+import importlib.util
+import math
+from ctypes import POINTER, c_double, c_float, c_int32, c_int64, c_void_p, sizeof
+from functools import cache
+from pathlib import Path
+
+from scarfmt.arrays import F64
+from scarfmt.errors import InvalidInput
+from scarfmt.render.camera import Camera
+
+INTERFACE = 3
+"""The number of the interface in composite.c."""
+TILE = 16
+"""Pixels of a tile, each way."""
+ELLIPSE, SPLAT, GRADIENTS, MEASURES = 7, 12, 9, 3
+"""Floats of an `Ellipse` and a `Splat`, and of what the passes leave for an intersection."""
+LOG_OPACITY, COLOUR = 8, slice(9, 12)
+"""The floats of a `Splat` that are its opacity, to the base of 2, and its colour."""
+
+MIN_ALPHA = 1.0 / 255.0
+MAX_ALPHA = 0.99
+MIN_TRANSMITTANCE = 1e-4
+FRUSTUM_MARGIN = 1.3
+
+
+class Scene(ctypes.Structure):
+    """M Gaussians: `Scene` of raster.h."""
+
+    _fields_ = (
+        *((name, c_void_p) for name in ("centres", "scales", "rotations", "opacities", "colours", "harmonics")),
+        *((name, c_int64) for name in ("coefficients", "degree")),
+    )
+
+
+class Lens(ctypes.Structure):
+    """A camera: `Lens` of raster.h."""
+
+    _fields_ = (
+        ("pose", c_double * 12),
+        ("eye", c_double * 3),
+        *((name, c_float) for name in ("fx", "fy", "cx", "cy", "width", "height", "near", "dilation")),
+        *((name, c_float) for name in ("limit_x", "limit_y", "min_alpha", "log_min_alpha")),
+        ("antialiased", c_int32),
+    )
+
+    @classmethod
+    def of(cls, camera: Camera, antialiased: bool = False) -> Lens:
+        """A camera's, with the rules of the image model."""
+        pose, eye = (
+            (c_double * 12)(*camera.world_to_camera[:3].ravel().tolist()),
+            (c_double * 3)(*camera.centre.tolist()),
+        )
+        return cls(pose, eye, *_view(camera), *_limits(camera), MIN_ALPHA, math.log2(MIN_ALPHA), antialiased)
+
+
+class Outlook(ctypes.Structure):
+    """A camera of nearby.c: `Outlook` there."""
+
+    _fields_ = (
+        ("pose", c_float * 12),
+        *((name, c_float) for name in ("fx", "fy", "cx", "cy", "width", "height", "near", "dilation")),
+        *((name, c_float) for name in ("limit_x", "limit_y")),
+    )
+
+    @classmethod
+    def of(cls, camera: Camera, origin: F64) -> Outlook:
+        """A camera's, seen from an origin: (3,) world units."""
+        pose = camera.world_to_camera[:3].copy()
+        pose[:, 3] += pose[:, :3] @ origin
+        return cls((c_float * 12)(*pose.ravel().tolist()), *_view(camera), *_limits(camera))
+
+
+def _view(camera: Camera) -> tuple[float, ...]:
+    size = camera.fx, camera.fy, camera.cx, camera.cy, camera.width, camera.height
+    return *size, camera.near, camera.dilation
+
+
+def _limits(camera: Camera) -> tuple[float, float]:
+    return FRUSTUM_MARGIN * camera.width / (2 * camera.fx), FRUSTUM_MARGIN * camera.height / (2 * camera.fy)
+
+
+class Job(ctypes.Structure):
+    """The arguments of compositing: `Job` of composite.h, which describes each."""
+
+    _fields_ = (
+        *((name, c_int64) for name in ("width", "height", "columns", "tiles")),
+        *((name, c_float) for name in ("max_alpha", "min_alpha", "min_transmittance")),
+        ("background", c_float * 3),
+        *((name, c_void_p) for name in ("splats", "offsets", "listed", "owners", "image", "transmittance")),
+        *((name, c_void_p) for name in ("weights", "drawn", "towards", "gradients", "measures")),
+    )
+
+    @classmethod
+    def of(cls, camera: Camera) -> Job:
+        """A picture's, with the rules of the image model; addresses are still null."""
+        columns, rows = -(-camera.width // TILE), -(-camera.height // TILE)
+        return cls(camera.width, camera.height, columns, columns * rows, MAX_ALPHA, MIN_ALPHA, MIN_TRANSMITTANCE)
+
+
+_STRUCTS = sizeof(Job) + sizeof(Lens) + sizeof(Outlook) + sizeof(Scene) + 4 * SPLAT
+_SIGNATURES: dict[str, tuple[type | None, list[type]]] = {
+    "scar_render_interface": (c_int64, []),
+    "scar_render_structs": (c_int64, []),
+    "scar_render_plainly": (None, [c_int64]),
+    "scar_prepare": (None, [*[c_void_p] * 4, c_int64, c_float, *[c_void_p] * 3]),
+    "scar_nearby": (c_int64, [POINTER(Outlook), c_void_p, c_int64, c_void_p]),
+    "scar_see": (c_int64, [POINTER(Scene), POINTER(Lens), c_void_p, c_int64, *[c_void_p] * 6]),
+    "scar_project": (None, [POINTER(Scene), POINTER(Lens), c_int64, c_int64, *[c_void_p] * 3]),
+    "scar_project_back": (None, [POINTER(Scene), POINTER(Lens), c_int64, c_int64, *[c_void_p] * 6]),
+    "scar_nearest_first": (c_int64, [c_void_p, c_int64, *[c_void_p] * 3]),
+    "scar_arrange": (None, [POINTER(Scene), c_void_p, c_int64, c_int64, *[c_void_p] * 3]),
+    "scar_count_tiles": (None, [c_void_p, c_int64, c_int64, c_int64, *[c_void_p] * 3]),
+    "scar_list_tiles": (None, [c_void_p, c_int64, c_int64, *[c_void_p] * 3]),
+    "scar_composite": (None, [POINTER(Job), POINTER(c_int64)]),
+    "scar_composite_measure": (None, [POINTER(Job), POINTER(c_int64)]),
+    "scar_composite_back": (None, [POINTER(Job), POINTER(c_int64)]),
+    "scar_composite_weights": (None, [*[c_void_p] * 3, c_int64, c_int64, c_void_p]),
+    "scar_composite_measures": (None, [*[c_void_p] * 3, c_int64, c_void_p]),
+    "scar_composite_gather": (None, [*[c_void_p] * 4, c_int64, c_int64, *[c_void_p] * 4]),
+}
+
+
+@cache
+def load() -> ctypes.CDLL:
+    """The library with its functions declared.
+
+    Raises:
+        InvalidInput: ``input-dependency``: it was not built, or for another machine or version.
+    """
+    spec = importlib.util.find_spec("scarfmt.render.native.native")
+    if spec is None or spec.origin is None:
+        raise _absent(f"it was not built, {_failure()}")
+    try:
+        library = ctypes.CDLL(spec.origin)
+        for name, (result, arguments) in _SIGNATURES.items():
+            function = getattr(library, name)
+            function.restype, function.argtypes = result, arguments
+    except (OSError, AttributeError) as error:
+        raise _absent(f"it was built for another machine or version: {error}") from error
+    built = library.scar_render_interface(), library.scar_render_structs()
+    if built != (INTERFACE, _STRUCTS):
+        raise _absent(f"it was built from another version: {built}, not {(INTERFACE, _STRUCTS)}")
+    return library
+
+
+def _failure() -> str:
+    """Why the build made no library, if it left word of that (setup.py)."""
+    try:
+        return Path(__file__).with_name("native.failed.txt").read_text().strip()
+    except OSError:
+        return "perhaps there was no C compiler"
+
+
+def _absent(why: str) -> InvalidInput:
+    advice = "install scarfmt anew where GCC or Clang is found"
+    return InvalidInput("input-dependency", f"drawing needs the compiled renderer: {why}; {advice}")
