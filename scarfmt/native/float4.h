@@ -54,6 +54,14 @@ INLINE Float4 exp4(Float4 x) {
     return sum * power4(half) * power4(integers4(n) - half);
 }
 
+/* ln x of a normal number above 0. */
+INLINE Float4 log4(Float4 x) {
+    const Int4 n = ((Int4)x - 0x3f3504f3) >> 23; /* of sqrt(1/2) */
+    const Float4 m = (Float4)((Int4)x - (n << 23)), s = (m - 1) / (m + 1), ss = s * s;
+    const Float4 series = 2 * s * (1 + ss * (1.f / 3 + ss * (1.f / 5 + ss * (1.f / 7 + ss * (1.f / 9)))));
+    return series + __builtin_convertvector(n, Float4) * .69314718f;
+}
+
 /* 1 / (1 + e^-x). */
 INLINE Float4 logistic4(Float4 x) { return 1 / (1 + exp4(-x)); }
 

@@ -4,10 +4,7 @@
 
 #include <string.h>
 
-#define MOST_LOG_OPACITY (-0x1p-13f)
-
-/* Values of a channel, filled up so that four can be read from any anchor; NULL where there is none. */
-static const float *values_of(const Model *m, const TileState *t, int64_t stream, Pool *pool) {
+const float *values_of(const Model *m, const TileState *t, int64_t stream, Pool *pool) {
     const int64_t channel = channel_of(m, stream);
     return channel < 0 ? NULL : exact_values(m, t, channel, pool);
 }
@@ -59,9 +56,14 @@ static void put_quaternions(const float *rows, float *out) {
         for (int c = 0; c < 4; c++) out[4 * j + c] = q[c][j];
 }
 
-static void put_rotations(const float *values, int64_t n, float *out) {
-    float none[3 * FLOATS] = {0};
-    for (int64_t i = 0; i < n; i += FLOATS) put_quaternions(values ? values + 3 * i : none, out + 4 * i);
+WIDE void put_rotations(const float *values, int64_t n, float *out) {
+    const float none[3 * FLOATS] = {0};
+    const int64_t whole = n / FLOATS * FLOATS;
+    for (int64_t i = 0; i < whole; i += FLOATS) put_quaternions(values ? values + 3 * i : none, out + 4 * i);
+    if (whole == n) return;
+    float last[4 * FLOATS];
+    put_quaternions(values ? values + 3 * whole : none, last);
+    memcpy(out + 4 * whole, last, 16 * (size_t)(n - whole));
 }
 
 static void put_colours(const float *colours, int64_t n, int64_t row, float *out) {
@@ -89,18 +91,24 @@ static void put_decoded(const Model *m, const TileState *t, int64_t skipped, int
     }
 }
 
+void put_harmonics(const Model *m, const TileState *t, Pool *pool, float *out) {
+    const int64_t n = t->known, row = 3 * (m->sh_degree + 1) * (m->sh_degree + 1);
+    const float *colours = values_of(m, t, COLOUR, pool);
+    if (!has_decoder(m, t)) memset(out, 0, 4 * (size_t)(n * row));
+    if (colours) put_colours(colours, n, row, out);
+    if (has_decoder(m, t)) put_decoded(m, t, colours ? 3 : 0, row, pool, out);
+}
+
 void activate(const Model *m, const TileState *t, Pool *pool, Gaussians *out) {
     const int64_t n = t->known, filled = fours(n), coefficients = (m->sh_degree + 1) * (m->sh_degree + 1);
     const double *positions = exact_positions(m, t, pool);
-    const float *colours = values_of(m, t, COLOUR, pool);
     out->count = (int32_t)n, out->coefficients = (int32_t)coefficients;
     out->centres = pool_take(pool, 12 * n), out->scales = pool_take(pool, 12 * filled);
-    out->quaternions = pool_take(pool, 16 * filled), out->opacity = pool_take(pool, 4 * filled);
-    out->harmonics = pool_zeros(pool, 12 * n * coefficients), out->features = NULL;
+    out->quaternions = pool_take(pool, 16 * n), out->opacity = pool_take(pool, 4 * filled);
+    out->harmonics = pool_take(pool, 12 * n * coefficients), out->features = NULL;
     for (int64_t i = 0; i < 3 * n; i++) out->centres[i] = (float)positions[i];
     put_scales(values_of(m, t, SCALE, pool), 3 * n, out->scales);
     put_rotations(values_of(m, t, ROTATION, pool), n, out->quaternions);
     put_opacity(values_of(m, t, OPACITY, pool), n, out->opacity);
-    if (colours) put_colours(colours, n, 3 * coefficients, out->harmonics);
-    if (has_decoder(m, t)) put_decoded(m, t, colours ? 3 : 0, 3 * coefficients, pool, out->harmonics);
+    put_harmonics(m, t, pool, out->harmonics);
 }

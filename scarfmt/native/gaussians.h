@@ -8,9 +8,17 @@
 
 #define FLOATS 4 /* anchors that are worked on together */
 
-/* The Gaussians of a tile of the explicit profile; and for those who open scene files, in binary64. */
+#define MOST_LOG_OPACITY (-0x1p-13f)
+
+/* The Gaussians of a tile of the explicit profile, and their rows in scene files. */
 void activate(const Model *m, const TileState *t, Pool *pool, Gaussians *out);
 void put_scene(const Model *m, const TileState *t, Pool *pool, const SceneRows *out);
+
+/* Their parts: values of a channel, filled up so that four can be read from any anchor, NULL where there is none; unit
+quaternions (n, 4); coefficients (known, coefficients, 3). */
+const float *values_of(const Model *m, const TileState *t, int64_t stream, Pool *pool);
+void put_rotations(const float *values, int64_t n, float *out);
+void put_harmonics(const Model *m, const TileState *t, Pool *pool, float *out);
 
 /* y = W x + b of four vectors, (columns) numbers and (stride) numbers apart. */
 void apply_mlp_layer(const MlpLayer *layer, const float *x, int64_t apart, float *y);

@@ -2,6 +2,8 @@
 
 #include "gaussians.h"
 
+typedef float Rows __attribute__((vector_size(4 * FILLED), aligned(4), may_alias));
+
 int64_t mlp_width(const Mlp *network) {
     int64_t most = 0;
     for (int64_t l = 0; l < network->layers; l++)
@@ -9,18 +11,19 @@ int64_t mlp_width(const Mlp *network) {
     return most;
 }
 
-void apply_mlp_layer(const MlpLayer *layer, const float *x, int64_t apart, float *y) {
+WIDE void apply_mlp_layer(const MlpLayer *layer, const float *x, int64_t apart, float *y) {
+    const int64_t stride = layer->stride;
     const float *x1 = x + apart, *x2 = x1 + apart, *x3 = x2 + apart;
-    for (int64_t r = 0; r < layer->stride; r += 4) {
-        const Float4 bias = load4(layer->biases + r);
+    for (int64_t r = 0; r < stride; r += FILLED) {
+        const Rows bias = *(const Rows *)(layer->biases + r);
         const float *weights = layer->weights + r;
-        Float4 a = bias, b = bias, c = bias, d = bias;
-        for (int64_t k = 0; k < layer->columns; k++, weights += layer->stride) {
-            const Float4 weight = load4(weights);
+        Rows a = bias, b = bias, c = bias, d = bias;
+        for (int64_t k = 0; k < layer->columns; k++, weights += stride) {
+            const Rows weight = *(const Rows *)weights;
             a += weight * x[k], b += weight * x1[k], c += weight * x2[k], d += weight * x3[k];
         }
-        store4(y + r, a), store4(y + layer->stride + r, b);
-        store4(y + 2 * layer->stride + r, c), store4(y + 3 * layer->stride + r, d);
+        float *out = y + r;
+        *(Rows *)out = a, *(Rows *)(out + stride) = b, *(Rows *)(out + 2 * stride) = c, *(Rows *)(out + 3 * stride) = d;
     }
 }
 

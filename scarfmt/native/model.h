@@ -52,11 +52,12 @@ typedef struct {
 } TablesInForce;
 
 /* weights: (columns, stride) times the scales of their rows, column after column; biases: (stride). Rows are filled up
-with zeros to be a multiple of 4. */
+with zeros to be a multiple of FILLED. */
+#define FILLED 8
+
 typedef struct {
     int64_t rows, columns, stride;
     const float *weights, *biases;
-    const double *exact; /* (rows, columns) the same, not rounded to binary32; not in WebAssembly */
 } MlpLayer;
 
 typedef struct {

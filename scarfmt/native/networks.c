@@ -29,7 +29,7 @@ static void read_mlp_layer(Reader *reader, Pool *pool, int64_t inputs, MlpLayer 
     const int64_t width = read_u8(reader), n = out->rows * out->columns;
     demand(width == 1 || width == 2, "bad-mlp");
     const uint8_t *bytes = read_bytes(reader, n * width);
-    out->stride = fours(out->rows);
+    out->stride = (out->rows + FILLED - 1) / FILLED * FILLED;
     const float *scales = read_finite(reader, pool, out->rows, out->rows);
     out->biases = read_finite(reader, pool, out->rows, out->stride);
     float *weights = pool_zeros(pool, 4 * out->columns * out->stride);
@@ -39,14 +39,6 @@ static void read_mlp_layer(Reader *reader, Pool *pool, int64_t inputs, MlpLayer 
         weights[column * out->stride + row] = (float)((double)weight * (double)scales[row]);
     }
     out->weights = weights;
-#if !defined(__wasm__)
-    double *exact = pool_take(pool, 8 * n);
-    for (int64_t i = 0; i < n; i++) {
-        const int32_t weight = width == 1 ? (int8_t)bytes[i] : (int16_t)(bytes[2 * i] | bytes[2 * i + 1] << 8);
-        exact[i] = (double)weight * (double)scales[i / out->columns];
-    }
-    out->exact = exact;
-#endif
 }
 
 static void read_mlp(Reader *reader, Pool *pool, Mlp *out) {

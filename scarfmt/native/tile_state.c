@@ -65,15 +65,6 @@ TileState *grown_tile(const Model *m, TileState *old, int64_t new) {
     return out;
 }
 
-int64_t coordinate(uint64_t code) {
-    code &= 0x1249249249249249;
-    code = (code ^ code >> 2) & 0x10C30C30C30C30C3;
-    code = (code ^ code >> 4) & 0x100F00F00F00F00F;
-    code = (code ^ code >> 8) & 0x001F0000FF0000FF;
-    code = (code ^ code >> 16) & 0x001F00000000FFFF;
-    return (int64_t)((code ^ code >> 32) & 0x1FFFFF);
-}
-
 /* A tile of which nothing is decoded, by its record in the tile table (SPEC 5.4). */
 TileState *new_tile(const Model *m, int64_t depth, int64_t shift, uint64_t prefix) {
     const int64_t bits = m->lattice_bits - depth - shift;
