@@ -170,7 +170,7 @@ static int64_t read_symbols(Rans *rans, const Channel *s, int64_t n, int64_t fir
     /* Kinds of these components alone: clearing and walking those of all would take longer than reading few. */
     Tables tables = *s->tables;
     tables.kinds = (past - first) * KINDS;
-    tables.number += first * KINDS;
+    tables.table += first * KINDS;
     const int64_t read = scar_rans_grouped(rans, &tables, s->kind, n, s->counts, s->order, s->symbols);
     return read == ALL_READ ? read : read + first * KINDS;
 }
@@ -182,16 +182,16 @@ INLINE int kinds_begin(const Tables *tables, int64_t kinds, uint32_t *here, uint
     int other = 0;
     for (int64_t k = 0; k < kinds; k++) {
         const uint32_t some = here[k], all = some + later[k];
-        other |= all && (tables->number[k] < 0 || !tables->few[tables->number[k]].third);
+        other |= all && (!tables->table[k] || !tables->table[k]->few.third);
         here[k] = total, later[k] = total + some;
         total += all;
     }
     return !other;
 }
 
-/* Puts the places of a pass's values, and their tables, in the order in which symbols travel: by kind. 0 where a kind has
+/* Puts the places of a pass's values, and their kinds, in the order in which symbols travel: by kind. 0 where a kind has
 no table of few symbols. Halves of each component in turns: a count that has just changed is slow to read again. */
-static int sort_trits(const Channel *s, const int64_t *anchors, int64_t wide, int32_t *places, int32_t *tables) {
+static int sort_trits(const Channel *s, const int64_t *anchors, int64_t wide, int32_t *places, int32_t *kinds_in_order) {
     const int64_t components = s->components, half = wide / 2, kinds = components * KINDS;
     uint32_t *here = (uint32_t *)s->counts, *later = here + kinds;
     memset(here, 0, 2 * (size_t)kinds * sizeof *here);
@@ -201,16 +201,15 @@ static int sort_trits(const Channel *s, const int64_t *anchors, int64_t wide, in
         if (wide % 2) later[other[half]]++;
     }
     if (!kinds_begin(s->tables, kinds, here, later)) return 0;
-    const int32_t *number = s->tables->number;
     for (int64_t c = 0; c < components; c++) {
         const uint16_t *one = s->kind + c * wide, *other = one + half;
         for (int64_t i = 0; i < wide - half; i++) {
             if (i < half) {
                 const uint32_t at = here[one[i]]++;
-                places[at] = (int32_t)(anchors[i] * components + c), tables[at] = number[one[i]];
+                places[at] = (int32_t)(anchors[i] * components + c), kinds_in_order[at] = one[i];
             }
             const uint32_t at = later[other[i]]++;
-            places[at] = (int32_t)(anchors[half + i] * components + c), tables[at] = number[other[i]];
+            places[at] = (int32_t)(anchors[half + i] * components + c), kinds_in_order[at] = other[i];
         }
     }
     return 1;
@@ -225,7 +224,7 @@ static int64_t read_trits(Rans *rans, const Channel *s, const int64_t *anchors, 
     int outside = 0;
     uint32_t most = 0;
     for (int64_t i = 0; i < n; i++) {
-        const int32_t symbol = few_symbols(&local, s->tables->few + s->symbols[i]);
+        const int32_t symbol = few_symbols(&local, &s->tables->table[s->symbols[i]]->few);
         const int64_t now = symbol + 3 * (int64_t)s->values[s->order[i]];
         const uint32_t place = (uint32_t)symbol + 1;
         most = place > most ? place : most;

@@ -37,14 +37,6 @@ typedef struct {
     int64_t stages[CLASS_ROOM], steps[MOST_CHANNELS][CLASS_ROOM];
 } Row;
 
-/* A static table: n values, and n + 1 cumulative frequencies. */
-typedef struct {
-    uint32_t key;
-    int32_t size;
-    const int32_t *values;
-    const uint32_t *sums;
-} StaticTable;
-
 /* The tables in force in a layer, by ascending key. */
 typedef struct {
     int64_t count;

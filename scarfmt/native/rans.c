@@ -21,7 +21,7 @@ static int64_t sorted_by_kind(const Tables *tables, const uint16_t *kind, int64_
         counts[kind[i] + 1]++;
     }
     for (int64_t k = 0; k < kinds; k++)
-        if (counts[k + 1] && tables->number[k] < 0) return k;
+        if (counts[k + 1] && !tables->table[k]) return k;
     for (int64_t k = 0; k < kinds; k++) counts[k + 1] += counts[k];
     for (int64_t i = 0; i < n; i++) order[counts[kind[i]]++] = (int32_t)i;
     return ALL_READ;
@@ -41,14 +41,11 @@ int64_t scar_rans_grouped(Rans *rans, const Tables *tables, const uint16_t *kind
     for (int64_t k = 0; k < tables->kinds; k++) {
         const int64_t past = counts[k];
         if (at == past) continue;
-        const int64_t table = tables->number[k], first = tables->starts[table];
-        const uint32_t size = (uint32_t)(tables->starts[table + 1] - first);
-        const uint32_t *c = tables->sums + first + table;
-        const int32_t *alphabet = tables->values + first;
-        if (size <= 3)
-            for (const FewSymbols few = tables->few[table]; at < past; at++) out[order[at]] = few_symbols(&local, &few);
+        const StaticTable table = *tables->table[k];
+        if (table.few.third)
+            for (; at < past; at++) out[order[at]] = few_symbols(&local, &table.few);
         else
-            for (; at < past; at++) out[order[at]] = alphabet[table_symbol(&local, c, size)];
+            for (; at < past; at++) out[order[at]] = near_symbol(&local, &table);
     }
     *rans = local;
     return ALL_READ;

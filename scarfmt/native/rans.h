@@ -34,16 +34,13 @@ INLINE int32_t few_symbols(Rans *rans, const FewSymbols *few) {
     return few->values[-(int64_t)(one + two)];
 }
 
-/* One symbol of a table of n >= 2 symbols with exclusive prefix sums c, c[n] = 2^24. */
-INLINE uint32_t table_symbol(Rans *rans, const uint32_t *c, uint32_t n) {
-    uint32_t slot = (uint32_t)rans->state & SLOT_MASK, low = 0, size = n;
-    while (size > 1) {
-        uint32_t half = size >> 1;
-        low = c[low + half] <= slot ? low + half : low;
-        size -= half;
-    }
-    advance(rans, slot, c[low], c[low + 1]);
-    return low;
+/* One symbol of a table of more than three. */
+INLINE int32_t near_symbol(Rans *rans, const StaticTable *table) {
+    const uint32_t slot = (uint32_t)rans->state & SLOT_MASK, *c = table->sums;
+    uint32_t symbol = table->near[slot >> table->near_shift];
+    while (c[symbol + 1] <= slot) symbol++;
+    advance(rans, slot, c[symbol], c[symbol + 1]);
+    return table->values[symbol];
 }
 
 INLINE uint32_t edge(uint64_t sum, uint64_t spare, uint64_t total, uint32_t place) {

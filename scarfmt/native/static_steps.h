@@ -69,29 +69,27 @@ static __attribute__((noinline)) void take_few(Rans *rans, const FewSymbols *tab
     *rans = local;
 }
 
-static __attribute__((noinline)) void take_many(Rans *rans, const uint32_t *c, uint32_t size, const int32_t *alphabet,
-                                                const int32_t *order, int64_t m, int32_t factor, int32_t *plane) {
+static __attribute__((noinline)) void take_many(Rans *rans, const StaticTable *many, const int32_t *order, int64_t m,
+                                                int32_t factor, int32_t *plane) {
+    const StaticTable table = *many;
     Rans local = *rans;
     for (int64_t i = 0; i < m; i++) {
         int32_t *value = plane + order[i];
-        *value = factor * *value + alphabet[table_symbol(&local, c, size)];
+        *value = factor * *value + near_symbol(&local, &table);
     }
     *rans = local;
 }
 
-static void take_group(Rans *rans, const Tables *tables, int64_t kind, const int32_t *order, int64_t m,
-                       int32_t factor, int32_t *plane) {
-    const int64_t table = tables->number[kind], first = tables->starts[table];
-    const uint32_t size = (uint32_t)(tables->starts[table + 1] - first);
-    if (tables->few[table].third)
-        take_few(rans, tables->few + table, order, m, factor, plane);
+static void take_group(Rans *rans, const StaticTable *table, const int32_t *order, int64_t m, int32_t factor,
+                       int32_t *plane) {
+    if (table->few.third)
+        take_few(rans, &table->few, order, m, factor, plane);
     else
-        take_many(rans, tables->sums + first + table, size, tables->values + first, order, m, factor, plane);
+        take_many(rans, table, order, m, factor, plane);
 }
 
-static int trits_alone(const Tables *tables, int64_t table) {
-    const int64_t first = tables->starts[table], past = tables->starts[table + 1];
-    return tables->values[first] >= -1 && tables->values[past - 1] <= 1;
+static int trits_alone(const StaticTable *table) {
+    return table->values[0] >= -1 && table->values[table->size - 1] <= 1;
 }
 
 #endif

@@ -30,15 +30,22 @@ typedef struct {
     int32_t values[3];
 } FewSymbols;
 
-/* Static tables by kind: number[k] of kind k's table, -1 for none. Table t has values[starts[t]..starts[t + 1] - 1],
-and one prefix sum more, from sums[starts[t] + t] on. */
+/* A static table: `size` values, and one cumulative frequency more. Of up to three symbols `few`; of others `near`, the
+symbol at the start of each of the parts of 2^near_shift slots. */
+typedef struct {
+    uint32_t key;
+    int32_t size;
+    const int32_t *values;
+    const uint32_t *sums;
+    FewSymbols few;
+    const uint16_t *near;
+    int32_t near_shift;
+} StaticTable;
+
+/* Static tables by kind, NULL for none. */
 typedef struct {
     int64_t kinds;
-    const int32_t *number;
-    const int64_t *starts;
-    const uint32_t *sums;
-    const int32_t *values;
-    const FewSymbols *few; /* per table */
+    const StaticTable *const *table;
 } Tables;
 
 /* The codewords of each cluster of a two-level head: cluster k has starts[k + 1] - starts[k] = m of them, in places[k + 1] -

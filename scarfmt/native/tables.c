@@ -14,6 +14,8 @@
 #define CONTENT_AT_LEAST (1ll << 20)
 #define LARGEST 2147483647
 #define FEW 3
+#define MOST_NEAR_BITS 10
+#define PARTS_A_SYMBOL 8
 
 /* Cumulative frequencies of weights (SPEC 8.1). */
 static void put_sums(const uint32_t *weights, int64_t n, uint32_t *sums) {
@@ -22,6 +24,26 @@ static void put_sums(const uint32_t *weights, int64_t n, uint32_t *sums) {
     for (int64_t i = 0; i < n; sum += weights[i++])
         sums[i] = (uint32_t)(sum * (uint64_t)(TOTAL - n) / total + (uint64_t)i);
     sums[n] = TOTAL;
+}
+
+static FewSymbols few_of(const StaticTable *table) {
+    const int64_t n = table->size;
+    const uint32_t second = n > 1 ? table->sums[1] : TOTAL, third = n > 2 ? table->sums[2] : TOTAL;
+    const int32_t apart = (int32_t)(third - second);
+    return (FewSymbols){second, third, apart, apart - (int32_t)second, (int32_t)(TOTAL - third) - apart,
+                        {table->values[0], table->values[n > 1 ? 1 : 0], table->values[n - 1]}};
+}
+
+/* Parts are some to a symbol: a stranger's table of few symbols takes little memory. */
+static void find_near(Pool *pool, StaticTable *table) {
+    int bits = 0;
+    while (bits < MOST_NEAR_BITS && 1 << bits < PARTS_A_SYMBOL * table->size) bits++;
+    uint16_t *near = pool_take(pool, 2 << bits), symbol = 0;
+    table->near = near, table->near_shift = PRECISION - bits;
+    for (uint32_t part = 0; part < 1u << bits; part++) {
+        while (table->sums[symbol + 1] <= part << table->near_shift) symbol++;
+        near[part] = symbol;
+    }
 }
 
 static void read_record(Reader *reader, Pool *pool, StaticTable *out, uint32_t *weights) {
@@ -40,7 +62,9 @@ static void read_record(Reader *reader, Pool *pool, StaticTable *out, uint32_t *
         demand(weights[i] >= 1, "bad-table");
     }
     put_sums(weights, size, sums);
-    out->size = (int32_t)size, out->values = values, out->sums = sums;
+    *out = (StaticTable){.key = out->key, .size = (int32_t)size, .values = values, .sums = sums};
+    if (size <= FEW) out->few = few_of(out);
+    else find_near(pool, out);
 }
 
 /* The tables of a layer and those of the layer before, where the layer has none of their key (R-8.3-2). */
@@ -91,51 +115,17 @@ static int64_t find_table(const TablesInForce *tables, uint32_t key) {
     return low;
 }
 
-static FewSymbols few_of(const StaticTable *table) {
-    const int64_t n = table->size;
-    if (n > FEW) return (FewSymbols){0};
-    const uint32_t second = n > 1 ? table->sums[1] : TOTAL, third = n > 2 ? table->sums[2] : TOTAL;
-    const int32_t apart = (int32_t)(third - second);
-    return (FewSymbols){second, third, apart, apart - (int32_t)second, (int32_t)(TOTAL - third) - apart,
-                        {table->values[0], table->values[n > 1 ? 1 : 0], table->values[n - 1]}};
-}
-
-/* Gathers the tables of some components of a step; with `out`, into its arrays. Returns tables and values. */
-static void gather(const TablesInForce *all, uint32_t key, int64_t component, Tables *out, int64_t *tables,
-                   int64_t *values) {
-    for (int64_t at = find_table(all, key); at < all->count && all->tables[at]->key < key + KINDS; at++) {
-        const StaticTable *table = all->tables[at];
-        if (out) {
-            const int64_t kind = component * KINDS + (table->key - key);
-            ((int32_t *)out->number)[kind] = (int32_t)*tables;
-            ((FewSymbols *)out->few)[*tables] = few_of(table);
-            ((int64_t *)out->starts)[*tables] = *values;
-            memcpy((int32_t *)out->values + *values, table->values, 4 * (size_t)table->size);
-            memcpy((uint32_t *)out->sums + *values + *tables, table->sums, 4 * (size_t)(table->size + 1));
-        }
-        *tables += 1, *values += table->size;
-    }
-}
-
 /* The tables in force in layer k of a step of components first.. of a stream. */
 const Tables *pack_tables(Model *m, int64_t k, int64_t stream, int64_t first, int64_t components, int64_t step) {
     const TablesInForce *all = m->tables + k;
-    const uint32_t key = (uint32_t)(stream << 24 | first << 16 | step << 8);
-    int64_t tables = 0, values = 0;
     Tables *out = pool_take(&m->pool, sizeof *out);
-    for (int64_t c = 0; c < components; c++) gather(all, key + (uint32_t)(c << 16), c, NULL, &tables, &values);
-    out->kinds = components * KINDS;
-    int32_t *number = pool_take(&m->pool, 4 * out->kinds);
-    memset(number, 255, 4 * (size_t)out->kinds);
-    out->number = number;
-    out->few = pool_take(&m->pool, (int64_t)sizeof *out->few * tables);
-    int64_t *starts = pool_take(&m->pool, 8 * (tables + 1));
-    out->starts = starts;
-    out->values = pool_take(&m->pool, 4 * values);
-    out->sums = pool_take(&m->pool, 4 * (values + tables));
-    tables = values = 0;
-    for (int64_t c = 0; c < components; c++) gather(all, key + (uint32_t)(c << 16), c, out, &tables, &values);
-    starts[tables] = values;
+    const StaticTable **table = pool_zeros(&m->pool, components * KINDS * (int64_t)sizeof *table);
+    for (int64_t c = 0; c < components; c++, table += KINDS) {
+        const uint32_t key = (uint32_t)(stream << 24 | (first + c) << 16 | step << 8);
+        for (int64_t at = find_table(all, key); at < all->count && all->tables[at]->key < key + KINDS; at++)
+            table[all->tables[at]->key - key] = all->tables[at];
+    }
+    *out = (Tables){components * KINDS, table - components * KINDS};
     return out;
 }
 

@@ -23,7 +23,7 @@ static void read_carefully(Work *w, Rans *rans, const Tables *tables, int64_t co
     int32_t *symbols = pool_zeros(&channel_scratch, 4 * w->t->known);
     for (int64_t k = 0, at = 0; k < groups->kinds; at = groups->past[k++])
         if (groups->past[k] > at)
-            take_group(rans, tables, component * KINDS + k, groups->order + at, groups->past[k] - at, 0, symbols);
+            take_group(rans, tables->table[component * KINDS + k], groups->order + at, groups->past[k] - at, 0, symbols);
     for (int64_t i = 0; i < count; i++) {
         const int64_t anchor = w->statics.chosen[i], trit = symbols[anchor], now = 3 * (int64_t)plane[anchor] + trit;
         faults->bad_trit |= trit < -1 || trit > 1;
@@ -44,9 +44,9 @@ static void read_component(Work *w, Rans *rans, const Tables *tables, int64_t co
     }
     for (int64_t k = 0, at = 0; k < groups.kinds; at = groups.past[k++]) {
         if (groups.past[k] == at) continue;
-        const int64_t table = tables->number[component * KINDS + k];
-        demand(table >= 0, "missing-table");
-        plain &= step == 1 || trits_alone(tables, table);
+        const StaticTable *table = tables->table[component * KINDS + k];
+        demand(table != NULL, "missing-table");
+        plain &= step == 1 || trits_alone(table);
     }
     if (!plain) {
         read_carefully(w, rans, tables, component, &groups, count, plane, faults);
@@ -54,8 +54,8 @@ static void read_component(Work *w, Rans *rans, const Tables *tables, int64_t co
     }
     for (int64_t k = 0, at = 0; k < groups.kinds; at = groups.past[k++])
         if (groups.past[k] > at)
-            take_group(rans, tables, component * KINDS + k, groups.order + at, groups.past[k] - at, step > 1 ? 3 : 0,
-                       plane);
+            take_group(rans, tables->table[component * KINDS + k], groups.order + at, groups.past[k] - at,
+                       step > 1 ? 3 : 0, plane);
 }
 
 static void read_step(Work *w, Rans *rans, int64_t channel, int64_t step, const Tables *tables, int64_t count) {
