@@ -143,7 +143,7 @@ class Decoded:
     def put_native(self, tile: int, found: NativeTile) -> None:
         """Fill in a tile that the C library has read; the same as :meth:`put_content`."""
         self.tiles[:] = tile
-        found.put_numbers(What.CLASSES, np.int64, self.classes)
+        found.put_numbers(What.CLASSES, np.uint8, self.classes)
         found.put_numbers(What.SLOTS, np.uint8, self.slots)
         for index, (stream, _) in enumerate(found.file.channels):
             if stream in self.values:

@@ -30,7 +30,7 @@ const double *exact_positions(const Model *m, const TileState *t, Pool *pool) {
 }
 
 /* Planes of n integers to rows of their values; widths: (classes, components). */
-INLINE void scale_rows(const int32_t *planes, int64_t n, int64_t components, const int64_t *classes,
+INLINE void scale_rows(const int32_t *planes, int64_t n, int64_t components, const uint8_t *classes,
                        const double *const *widths, float *out) {
     for (int64_t i = 0; i < n; i++)
         for (int64_t c = 0; c < components; c++)

@@ -11,7 +11,7 @@ serves one thread at a time; others of the same models come from scar_share. */
 
 #include "compiler.h"
 
-#define SCAR_INTERFACE 7 /* grows with every change of what is declared here: Python loads no other */
+#define SCAR_INTERFACE 8 /* grows with every change of what is declared here: Python loads no other */
 
 typedef struct Scar Scar;
 typedef struct TileState TileState;
@@ -19,7 +19,7 @@ typedef struct TileState TileState;
 /* Numbers of a tile after its layer, n anchors in the order of SPEC 6.3. */
 enum {
     SCAR_CODES,     /* (n) uint64 */
-    SCAR_CLASSES,   /* (n) int64 */
+    SCAR_CLASSES,   /* (n) uint8 */
     SCAR_INTEGERS,  /* of a channel: (components, n) int32; of OFFSETS (n, slots, 3) */
     SCAR_INDICES,   /* (n, stages) int16 */
     SCAR_SLOTS,     /* (n, slots) uint8 layer that turned each on, 0 for none; NULL in the explicit profile */

@@ -28,15 +28,6 @@ INLINE int64_t channel_input_words(int64_t settled, int64_t components, int64_t 
     return 1 + shared_input_words(settled, components, depths) + components * pairs_of(depths);
 }
 
-/* The anchors of a tile-layer, and memory for a step with static contexts: as many numbers each. */
-typedef struct {
-    int64_t known;               /* anchors */
-    const int64_t *classes;
-    int64_t taken, taken_count;  /* classes that `chosen` holds, a bit each; how many anchors that is. -1: none yet */
-    int32_t *chosen, *order;
-    uint8_t *kind;
-} StaticSteps;
-
 int64_t scar_positions(Rans *rans, Positions *p, const Tables *tables);
 int64_t scar_channel_layer(Rans *rans, Channel *s, const ChannelLayer *l);
 void scar_cells_names(const uint64_t *codes, const int64_t *by_code, int64_t n, int64_t bits, const int64_t *targets,

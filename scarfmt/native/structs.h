@@ -88,7 +88,7 @@ typedef struct {
 /* One channel in one tile-layer of n anchors. */
 typedef struct {
     int64_t count, components;
-    const int64_t *classes;          /* (n) */
+    const uint8_t *classes;          /* (n) */
     int32_t *values;                 /* (n, components) before and after */
     int64_t *steps;                  /* (n) steps that values are at */
     const int32_t *settled;          /* (n, settled_stride) fine values, the first settled_columns are inputs */
@@ -148,7 +148,7 @@ typedef struct {
 /* Which columns the embedding reads, and of what. */
 typedef struct {
     int64_t classes, own, attributes, latents, latent_shift, grid, amax;
-    const int64_t *anchor_class; /* (n) */
+    const uint8_t *anchor_class; /* (n) */
     const int32_t *settled;      /* (n, attributes) */
     const int16_t *features;     /* (n, grid) */
 } Embedding;
@@ -188,7 +188,7 @@ typedef struct {
 /* The indices of one tile-layer of `count` anchors. */
 typedef struct {
     int64_t count, stages;           /* columns of `indices` */
-    const int64_t *classes;          /* (count) */
+    const uint8_t *classes;          /* (count) */
     const int32_t *settled;          /* (count, attributes) fine values */
     const int16_t *features;         /* (count, grid) */
     int16_t *indices;                /* (count, stages), those read are put in */

@@ -17,7 +17,7 @@ struct TileState {
     int64_t depth, shift, bits, corner[3]; /* corner: in lattice steps */
     int64_t appeared[MOST_FILE_LAYERS + 1];
     uint64_t *codes;
-    int64_t *classes;
+    uint8_t *classes;
     int32_t *values[MOST_CHANNELS]; /* (components, known); of OFFSETS (known, slots, 3) */
     int16_t *indices;               /* (known, stages) */
     uint8_t *slots;                 /* (known, slots) layer that turned it on, 0 for none; NULL: explicit profile */
@@ -31,8 +31,8 @@ typedef struct {
     int64_t streams;                /* bits of the sub-streams to read */
     int64_t k, new;                 /* new: anchors that appear, the last of those known */
     Body parts[STREAM_KINDS];
-    StaticSteps statics;
-    int32_t *symbols;               /* scratch: as many as anchors, or slots, or components of all anchors */
+    int32_t *symbols, *order;       /* scratch: as many as anchors, or slots, or components of all anchors */
+    int32_t *chosen;                /* scratch: as many as anchors */
     uint16_t *kinds;
     int64_t *counts;
     int64_t *by_code;               /* anchors by code, then index; NULL until they are wanted */
@@ -79,6 +79,7 @@ TileState *grown_tile(const Model *m, TileState *old, int64_t new);
 /* Sub-streams (SPEC 7.1). */
 void fill_crc_table(void);
 void find_parts(Work *w, Body block);
+const char *open_words(const Work *w, int64_t stream, Rans *out); /* what they break, or NULL */
 Rans open_stream(const Work *w, int64_t stream);
 void seal_stream(const Rans *rans);
 
@@ -89,7 +90,8 @@ void read_kinds(Work *w, Rans *rans, const Tables *tables, const uint16_t *kinds
 void look_at_cells(Work *w);
 Cells cells_of(const Work *w, Pool *pool, int64_t columns);
 
-void read_tile_channel(Work *w, int64_t channel);
+void read_channels(Work *w);
+void read_static_channels(const Work *w, int64_t *channels, int64_t count); /* orders the channels */
 void read_network_indices(Work *w, Rans *rans);
 
 /* Numbers by class, anchor by anchor. */

@@ -24,7 +24,7 @@ static void read_positions(Work *w) {
     Positions p = {.total = w->new, .bits = w->t->bits, .codes = w->t->codes + w->t->known - w->new,
                    .open = pool_zeros(pool, w->new), .here = {numbers[0], numbers[1], (uint64_t *)numbers[2]},
                    .below = {numbers[3], numbers[4], (uint64_t *)numbers[5]}, .lower = numbers[6], .rest = numbers[7],
-                   .counts = w->counts, .symbols = w->symbols, .order = w->statics.order, .kind = w->kinds};
+                   .counts = w->counts, .symbols = w->symbols, .order = w->order, .kind = w->kinds};
     const int64_t read = scar_positions(&rans, &p, w->layer->positions);
     demand(read < BAD_SPLIT || read > BAD_BIN, "bad-split");
     demand(read == ALL_READ, "missing-table");
@@ -33,7 +33,7 @@ static void read_positions(Work *w) {
 
 static void read_classes(Work *w) {
     const int64_t first = w->m->rows[w->k - 1].classes, count = w->m->rows[w->k].classes - first;
-    int64_t *classes = w->t->classes + w->t->known - w->new;
+    uint8_t *classes = w->t->classes + w->t->known - w->new;
     Rans rans = open_stream(w, CLASSES);
     if (count > 1) {
         memset(w->kinds, 0, 2 * (size_t)w->new);
@@ -43,7 +43,7 @@ static void read_classes(Work *w) {
     for (int64_t i = 0; i < w->new; i++) {
         const int64_t place = count > 1 ? w->symbols[i] : 0;
         demand(place >= 0 && place < count, "bad-class");
-        classes[i] = first + place;
+        classes[i] = (uint8_t)(first + place);
     }
     seal_stream(&rans);
 }
@@ -51,7 +51,7 @@ static void read_classes(Work *w) {
 /* Which slots turn on (SPEC 7.4). */
 static void read_masks(Work *w) {
     const int64_t n = w->t->known, slots = w->m->slots;
-    int32_t *anchors = w->statics.chosen;
+    int32_t *anchors = w->chosen;
     Rans rans = open_stream(w, MASKS);
     pool_empty(&channel_scratch, 1);
     uint8_t *on = pool_zeros(&channel_scratch, n);
@@ -72,7 +72,6 @@ static void read_masks(Work *w) {
         }
     }
     seal_stream(&rans);
-    w->statics.taken = -1;
 }
 
 /* Anchors by (code, index): those of each layer are in that order. */
@@ -112,7 +111,7 @@ Cells cells_of(const Work *w, Pool *pool, int64_t columns) {
 static void read_stage(Work *w, Rans *rans, int64_t stage) {
     const int64_t *before = w->m->rows[w->k - 1].stages, *after = w->m->rows[w->k].stages;
     const int64_t stages = w->t->stages, size = w->m->books[stage > 1].size;
-    int32_t *chosen = w->statics.chosen;
+    int32_t *chosen = w->chosen;
     int16_t *indices = w->t->indices;
     int64_t count = 0;
     for (int64_t i = 0; i < w->t->known; i++) {
@@ -146,9 +145,7 @@ static void lend(Work *w) {
     if (w->m->slots > most) most = w->m->slots;
     w->symbols = pool_take(pool, 4 * n * most), w->kinds = pool_take(pool, 2 * n * most);
     w->counts = pool_take(pool, 8 * (kinds + 1));
-    w->statics = (StaticSteps){.known = n, .classes = w->t->classes, .taken = -1};
-    w->statics.chosen = pool_take(pool, 4 * n), w->statics.order = pool_take(pool, 4 * n * most);
-    w->statics.kind = pool_take(pool, n);
+    w->chosen = pool_take(pool, 4 * n), w->order = pool_take(pool, 4 * n * most);
     if (w->layer->predicted || w->m->rows[w->k].mode) w->settled = pool_take(pool, 4 * n * w->m->attributes);
 }
 
@@ -170,7 +167,6 @@ void advance_tile(const Model *m, TileState *tile, Body block, int64_t appear, i
     lend(&w);
     if (appear) read_positions(&w), read_classes(&w);
     if (m->profile == ANCHOR) read_masks(&w);
-    for (int64_t channel = 0; channel < m->channels; channel++)
-        if (streams >> m->channel[channel].stream & 1) read_tile_channel(&w, channel);
+    read_channels(&w);
     if (streams >> INDICES & 1) read_indices(&w);
 }

@@ -49,20 +49,26 @@ void find_parts(Work *w, Body block) {
     }
 }
 
-Rans open_stream(const Work *w, int64_t stream) {
+const char *open_words(const Work *w, int64_t stream, Rans *out) {
     const Body part = w->parts[stream];
     const int64_t count = part.length / 4;
     uint32_t *words = pool_take(&layer_scratch, part.length);
     for (int64_t i = 0; i < count; i++) words[i] = little32(part.bytes + 4 * i);
-    demand(!count || words[count - 1], "rans-last-word");
-    Rans rans = {0, (uint64_t)count, words};
-    scar_rans_open(&rans);
+    *out = (Rans){0, (uint64_t)count, words};
+    scar_rans_open(out);
+    return !count || words[count - 1] ? NULL : "rans-last-word";
+}
+
+Rans open_stream(const Work *w, int64_t stream) {
+    Rans rans;
+    const char *fault = open_words(w, stream, &rans);
+    demand(!fault, fault);
     return rans;
 }
 
 void seal_stream(const Rans *rans) { demand(!rans->state && !rans->left, "rans-seal"); }
 
 void read_kinds(Work *w, Rans *rans, const Tables *tables, const uint16_t *kinds, int64_t n) {
-    const int64_t read = scar_rans_grouped(rans, tables, kinds, n, w->counts, w->statics.order, w->symbols);
+    const int64_t read = scar_rans_grouped(rans, tables, kinds, n, w->counts, w->order, w->symbols);
     demand(read == ALL_READ, "missing-table");
 }

@@ -20,7 +20,7 @@ static int64_t lay_out(const Model *m, TileState *t, uint8_t *base) {
     const int64_t n = t->known;
     int64_t used = 0;
     carved(base, &used, sizeof *t);
-    t->codes = carved(base, &used, 8 * n), t->classes = carved(base, &used, 8 * n);
+    t->codes = carved(base, &used, 8 * n), t->classes = carved(base, &used, n);
     for (int64_t c = 0; c < m->channels; c++) t->values[c] = carved(base, &used, 4 * n * numbers_of(m, c));
     t->indices = carved(base, &used, 2 * n * t->stages);
     t->slots = m->profile == ANCHOR ? carved(base, &used, n * m->slots) : NULL;
@@ -53,7 +53,7 @@ TileState *grown_tile(const Model *m, TileState *old, int64_t new) {
     *out = shape;
     const int64_t n = out->known;
     widen(out->codes, old->codes, 1, 8 * before, 8 * n);
-    widen(out->classes, old->classes, 1, 8 * before, 8 * n);
+    widen(out->classes, old->classes, 1, before, n);
     for (int64_t c = 0; c < m->channels; c++) {
         const int64_t numbers = numbers_of(m, c), planes = m->channel[c].stream == OFFSETS ? 1 : numbers;
         const int64_t bytes = 4 * numbers / planes;
