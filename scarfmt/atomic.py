@@ -5,7 +5,6 @@ from __future__ import annotations
 import contextlib
 import errno
 import os
-import secrets
 import stat
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -93,7 +92,7 @@ def atomic_write(path: str | PathLike[str], *, force: bool = False) -> Iterator[
     _check_free(target, force)
     identity = _check_apart(target, known)
     known[identity] = _OUTPUT
-    temporary = target.with_name(f".{_shortened(target.name)}.{secrets.token_hex(6)}.part")
+    temporary = target.with_name(f".{_shortened(target.name)}.{os.urandom(6).hex()}.part")
     try:
         with _create(temporary, target) as stream:
             yield stream

@@ -1,4 +1,4 @@
-"""The `scarfmt` command. Each subcommand is one module; none imports more than click before it runs.
+"""The `scarfmt` command. Each subcommand is one module, loaded when it is asked for.
 
 Conventions: results that programs read (JSON, files written to `-`) on stdout, everything for people on stderr;
 exit codes in :mod:`scarfmt.cli.failures`.
@@ -10,29 +10,56 @@ import io
 import os
 import signal
 import sys
+from importlib import import_module
 from types import FrameType
 
 import click
 
 from scarfmt import __version__
-from scarfmt.cli.compare import compare
-from scarfmt.cli.completion import completion
-from scarfmt.cli.conformance import conformance
-from scarfmt.cli.convert import convert
-from scarfmt.cli.decode import decode
-from scarfmt.cli.dump import dump
-from scarfmt.cli.encode import encode
 from scarfmt.cli.failures import FailureGroup
-from scarfmt.cli.inspect import inspect
-from scarfmt.cli.merge import merge
-from scarfmt.cli.render import render
-from scarfmt.cli.split import split
-from scarfmt.cli.train import train
-from scarfmt.cli.truncate import truncate
-from scarfmt.cli.validate import validate
-from scarfmt.cli.view import view
 
-__all__ = ["cli", "main"]
+__all__ = ["COMMANDS", "cli", "load", "main"]
+
+COMMANDS = {
+    "compare": "Report PSNR and SSIM between two scenes.",
+    "completion": "Print a shell completion script.",
+    "conformance": "Score any decoder against the test vectors.",
+    "convert": "Convert a scene between PLY, SPZ, glTF and others.",
+    "decode": "Decode a file into a PLY, SPZ or glTF that viewers open.",
+    "dump": "Annotate every byte of a file.",
+    "encode": "Compress a scene into a .scar file.",
+    "inspect": "Report what a file holds.",
+    "merge": "Join files of parts of one scene.",
+    "render": "Draw a scene into PNG pictures.",
+    "split": "Cut a file into files of parts of the scene.",
+    "train": "Train a .scar file from photos.",
+    "truncate": "Keep only the first layers of a file.",
+    "validate": "List every rule a file breaks.",
+    "view": "Show scenes in the browser.",
+}
+"""What each command does. Its module here has its name, and so has the command in it."""
+
+
+def load(name: str) -> click.Command:
+    """The command of that name of `COMMANDS`."""
+    command = getattr(import_module(f"scarfmt.cli.{name}"), name)
+    assert isinstance(command, click.Command)
+    command.short_help = COMMANDS[name]
+    return command
+
+
+class _Commands(FailureGroup):
+    """The commands of `COMMANDS`. Help lists them without loading any."""
+
+    def list_commands(self, ctx: click.Context) -> list[str]:
+        return list(COMMANDS)
+
+    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
+        return load(cmd_name) if cmd_name in COMMANDS else None
+
+    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        with formatter.section("Commands"):
+            formatter.write_dl(list(COMMANDS.items()))
 
 
 def _version(context: click.Context, _option: click.Parameter, wanted: bool) -> None:
@@ -46,7 +73,7 @@ def _version(context: click.Context, _option: click.Parameter, wanted: bool) -> 
 
 @click.group(
     "scarfmt",
-    cls=FailureGroup,
+    cls=_Commands,
     context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100},
 )
 @click.option(
@@ -69,13 +96,6 @@ def cli() -> None:
     A file name of - is standard input or output. Exit codes: 0 done; 1 the input is invalid or the work failed;
     2 wrong arguments; 130 interrupted.
     """
-
-
-for _command in (
-    *(encode, train, view, decode, convert, inspect, truncate, split, merge),
-    *(validate, dump, compare, render, conformance, completion),
-):
-    cli.add_command(_command)
 
 
 def _terminate(received: int, _frame: FrameType | None) -> None:

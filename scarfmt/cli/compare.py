@@ -64,7 +64,7 @@ class Quality:
         return {**whole, "kinds": dict(zip(self.kinds, parts, strict=True))}
 
 
-@click.command(short_help="Report PSNR and SSIM between two scenes.")
+@click.command()
 @click.argument("a")
 @click.argument("b")
 @view_options(EVERYWHERE)

@@ -51,4 +51,4 @@ def _commands() -> click.Group:
     return group
 
 
-conformance = _Elsewhere("conformance", help=_ABSENT, short_help="Score any decoder against the test vectors.")
+conformance = _Elsewhere("conformance", help=_ABSENT)

@@ -12,7 +12,7 @@ from scarfmt.cli.outputs import SUFFIXES, open_scene_output, output_format, outp
 from scarfmt.cli.report import Report, reports
 
 
-@click.command(short_help="Convert a scene between PLY, SPZ, glTF and others.")
+@click.command()
 @click.argument("input_", metavar="INPUT")
 @click.argument("output")
 @click.option("--from", "from_", type=click.Choice(FORMAT_IDS), help="Format of INPUT [default: from content].")

@@ -75,7 +75,7 @@ def parse_attributes(value: str) -> list[str]:
     return names
 
 
-@click.command(short_help="Decode a file into a PLY, SPZ or glTF that viewers open.")
+@click.command()
 @click.argument("input_", metavar="INPUT")
 @click.argument("output")
 @click.option("--format", "format_id", type=click.Choice(FORMATS), help="Format of OUTPUT [default: its name].")

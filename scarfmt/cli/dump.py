@@ -22,7 +22,7 @@ _KINDS = [kind.name for kind in BlockKind]
 _HEAD = f"{'offset':>10} {'length':>8}  {'field':<56} {'SPEC':<5} value"
 
 
-@click.command(short_help="Annotate every byte of a file.")
+@click.command()
 @click.argument("file")
 @click.option("--json", "as_json", is_flag=True, help="Print a JSON object on stdout: rows and refusals.")
 @click.option("--full", is_flag=True, help="Print all items of long lists, not only the first ones.")

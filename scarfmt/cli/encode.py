@@ -89,7 +89,7 @@ def parse_frame(_ctx: click.Context, _parameter: click.Parameter, value: str | N
 _ENDING = ".scar"
 
 
-@click.command(short_help="Compress a scene into a .scar file.")
+@click.command()
 @click.argument("inputs", metavar="INPUT...", nargs=-1)
 @click.argument("output")
 @click.option("--out-dir", metavar="DIR", help="Encode every file named into this folder, under its name.")

@@ -15,7 +15,7 @@ _HEAD_BYTES = 4096
 """Size of the first request to a URL, in bytes: larger than the longest header."""
 
 
-@click.command(short_help="Report what a file holds.")
+@click.command()
 @click.argument("file")
 @click.option("--metadata", is_flag=True, help="Also read and show the metadata the file carries.")
 @click.option("--models", is_flag=True, help="Also report models of symbols: tables, predictors, networks.")

@@ -11,7 +11,7 @@ from scarfmt.cli.report import Report, reports
 from scarfmt.errors import plural
 
 
-@click.command(short_help="Join files of parts of one scene.")
+@click.command()
 @click.argument("inputs", metavar="INPUT...", nargs=-1, required=True)
 @click.option("--output", "-o", metavar="OUTPUT", required=True, help="The file to write, or - for standard output.")
 @click.option("--force", is_flag=True, help="Overwrite OUTPUT if it exists.")

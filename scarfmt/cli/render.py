@@ -37,7 +37,7 @@ def parse_layers(_ctx: click.Context, _parameter: click.Parameter, value: str | 
     raise click.BadParameter(f"{value!r} is neither a number of layers nor {ALL!r}")
 
 
-@click.command(short_help="Draw a scene into PNG pictures.")
+@click.command()
 @click.argument("file")
 @click.argument("output")
 @view_options(RING)

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from scarfmt.container.file import Container
 
 
-@click.command(short_help="Cut a file into files of parts of the scene.")
+@click.command()
 @click.argument("input_", metavar="INPUT")
 @click.argument("output")
 @click.option("--files", type=click.IntRange(min=2), metavar="N", help="Write N files of about equal size.")

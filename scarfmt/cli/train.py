@@ -50,7 +50,7 @@ DEFAULTS = TrainOptions()
 RUN_ENDING = ".run"
 
 
-@click.command(short_help="Train a .scar file from photos.")
+@click.command()
 @click.argument("capture", type=click.Path())
 @click.argument("output")
 @click.option(

@@ -9,7 +9,7 @@ from scarfmt.cli.report import Report, reports
 from scarfmt.errors import plural
 
 
-@click.command(short_help="Keep only the first layers of a file.")
+@click.command()
 @click.argument("input_", metavar="INPUT")
 @click.argument("output")
 @click.option("--layers", type=click.IntRange(min=1), required=True, help="Layers to keep, from the first.")

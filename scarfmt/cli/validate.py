@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from scarfmt.tools.validate import Finding, Validation
 
 
-@click.command(short_help="List every rule a file breaks.")
+@click.command()
 @click.argument("file")
 @click.option("--layers", type=click.IntRange(min=1), help="Check only the first layers, this many.")
 @click.option("--no-limits", is_flag=True, help="Do not limit memory and work; for files you trust.")

@@ -9,7 +9,7 @@ from scarfmt.cli.files import open_input, timeout_option
 _MOST_SCENES = 2
 
 
-@click.command(short_help="Show scenes in the browser.")
+@click.command()
 @click.argument("scenes", metavar="[FILE [OTHER]]", nargs=-1)
 @click.option("--port", type=click.IntRange(0, 65535), default=0, help="Port of the server [default: a free one].")
 @click.option(

@@ -7,13 +7,16 @@ import os
 import re
 import subprocess
 import sys
+from importlib import import_module
 from pathlib import Path
+from pkgutil import iter_modules
 
 import click
 import pytest
 
+import scarfmt.cli
 from scarfmt import __version__
-from scarfmt.cli import cli
+from scarfmt.cli import COMMANDS, load
 from scarfmt.cli.failures import FailureGroup, requires_extra
 from scarfmt.cli.files import open_output
 from scarfmt.errors import InvalidInput
@@ -33,11 +36,26 @@ def test_help_of_a_command_by_either_name(run: Run) -> None:
     assert run("help", "split").stdout == run("split", "-h").stdout != run("help").stdout == run("-h").stdout
 
 
-@pytest.mark.parametrize("name", sorted(cli.commands))
+@pytest.mark.parametrize("name", COMMANDS)
 def test_every_option_is_explained(name: str) -> None:
-    for parameter in cli.commands[name].params:
+    for parameter in load(name).params:
         if isinstance(parameter, click.Option):
             assert parameter.help
+
+
+def test_every_command_is_listed() -> None:
+    modules = [import_module(f"scarfmt.cli.{module.name}") for module in iter_modules(scarfmt.cli.__path__)]
+    found = {
+        name for module in modules if isinstance(getattr(module, name := module.__name__[12:], None), click.Command)
+    }
+    assert found == set(COMMANDS)
+    assert list(COMMANDS) == sorted(COMMANDS)
+
+
+def test_a_command_loads_no_other() -> None:
+    script = "import sys; from scarfmt.cli import load; load('truncate'); print(list(sys.modules))"
+    done = subprocess.run([sys.executable, "-c", script], cwd=REPOSITORY, capture_output=True, text=True, check=True)
+    assert not [name for name in COMMANDS if name != "truncate" and f"'scarfmt.cli.{name}'" in done.stdout]
 
 
 @pytest.mark.parametrize("arguments", [["--help"], ["inspect", "FILE"], ["encode", "--help"], ["train", "--help"]])

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from reference_encoder.options import MAX_QUALITY, MIN_QUALITY, MIN_TILE_ANCHORS
-from scarfmt.cli import cli
+from scarfmt.cli import load
 from scarfmt.cli.encode import FORMAT_IDS, parse_metadata
 from scarfmt.container.source import FileSource
 from scarfmt.formats import FORMATS
@@ -133,7 +133,7 @@ def test_metadata_and_sh_degree_arrive_in_the_file(run: Run, ply: Path, tmp_path
 
 
 def test_metadata_that_json_cannot_say_stays_text() -> None:
-    command = cli.commands["encode"]
+    command = load("encode")
     context = click.Context(command)
     assert parse_metadata(context, command.params[0], ("a=NaN", "b=", "c=x=y")) == {"a": "NaN", "b": "", "c": "x=y"}
 
@@ -152,7 +152,7 @@ def test_invalid_rows_are_refused_or_dropped(run: Run, tmp_path: Path) -> None:
 
 
 def test_choices_are_those_of_the_encoder() -> None:
-    options = {parameter.name: parameter.type for parameter in cli.commands["encode"].params}
+    options = {parameter.name: parameter.type for parameter in load("encode").params}
     assert tuple(known.id for known in FORMATS) == FORMAT_IDS
     ranges = {"quality": (MIN_QUALITY, MAX_QUALITY), "tile_anchors": (MIN_TILE_ANCHORS, MAX_ANCHORS_PER_TILE)}
     for name, (least, most) in ranges.items():
