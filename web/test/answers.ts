@@ -218,8 +218,7 @@ class Decoding {
     arrays.add("indices", "index", [stages], module.numbers(Uint16Array, at(ARRAY.indices), n * stages), n);
     arrays.add("integers", "tile", [], new Uint32Array(n).fill(tile));
     arrays.add("integers", "code", [], module.numbers(Uint32Array, at(ARRAY.codes), 2 * n), undefined, "<u8");
-    const classes = module.numbers(Uint32Array, at(ARRAY.classes), 2 * n);
-    arrays.add("integers", "class", [], Uint8Array.from(classes.filter((_, i) => i % 2 === 0)));
+    arrays.add("integers", "class", [], module.numbers(Uint8Array, at(ARRAY.classes), n));
     if (profile === PROFILE.ANCHOR) {
       arrays.add("integers", "slot_layer", [slots], module.numbers(Uint8Array, at(ARRAY.slots), n * slots));
     }
