@@ -43,38 +43,46 @@ static void choose_anchors(const Work *w, Lane *s) {
     s->taken = taken, s->count = count;
 }
 
-/* Context numbers of a component's symbols; whether its values leave room for one more trit. */
-WIDE static int refined_kinds(const Lane *s, int64_t known, const int32_t *plane) {
+/* Context numbers of a component's symbols; whether its values leave room for one more trit. chosen: NULL for all. */
+INLINE int put_kinds(const int32_t *plane, const int32_t *chosen, int64_t count, uint8_t *kind) {
     const int32_t room = (VALUE_LIMIT - 1) / 3;
-    const int whole = s->count == known;
     int outside = 0;
-    for (int64_t i = 0; i < s->count; i++) {
-        const int32_t value = plane[whole ? i : s->chosen[i]];
+    for (int64_t i = 0; i < count; i++) {
+        const int32_t value = plane[chosen ? chosen[i] : i];
         const int32_t low = value < -2 ? -2 : value;
         outside |= (value < -room) | (value > room);
-        s->kind_of[i] = (uint8_t)((low > 2 ? 2 : low) + 2);
+        kind[i] = (uint8_t)((low > 2 ? 2 : low) + 2);
     }
     return !outside;
 }
 
-/* The chosen anchors by ascending kind into `order`. */
+WIDE static int refined_kinds(const Lane *s, int64_t known, const int32_t *plane) {
+    if (s->count == known) return put_kinds(plane, NULL, known, s->kind_of);
+    return put_kinds(plane, s->chosen, s->count, s->kind_of);
+}
+
+/* The chosen anchors by ascending kind into `order`. Quarters in turns: a count that has just changed is slow to read
+again. */
 static __attribute__((noinline)) void sort_chosen(Lane *s) {
     const uint8_t *kind = s->kind_of;
-    uint32_t parts[4][TRIT_KINDS], past[TRIT_KINDS], sum = 0;
-    int64_t i = 0;
-    memset(parts, 0, sizeof parts);
-    /* Four counts of each kind: one would wait for itself where neighbours are of a kind. */
-    for (; i + 4 <= s->count; i += 4)
-        for (int p = 0; p < 4; p++) parts[p][kind[i + p]]++;
-    for (; i < s->count; i++) parts[0][kind[i]]++;
-    for (int64_t k = 0; k < TRIT_KINDS; k++) {
-        past[k] = sum;
-        for (int p = 0; p < 4; p++) sum += parts[p][k];
-    }
-    int32_t *order = s->order;
     const int32_t *chosen = s->chosen;
-    for (i = 0; i < s->count; i++) order[past[kind[i]]++] = chosen[i];
-    memcpy(s->past, past, sizeof past);
+    const int64_t quarter = s->count / 4;
+    int32_t *order = s->order;
+    uint32_t at[4][TRIT_KINDS], sum = 0;
+    memset(at, 0, sizeof at);
+    for (int64_t i = 0; i < quarter; i++)
+        for (int p = 0; p < 4; p++) at[p][kind[p * quarter + i]]++;
+    for (int64_t i = 4 * quarter; i < s->count; i++) at[3][kind[i]]++;
+    for (int64_t k = 0; k < TRIT_KINDS; k++) {
+        for (int p = 0; p < 4; p++) {
+            const uint32_t some = at[p][k];
+            at[p][k] = sum, sum += some;
+        }
+        s->past[k] = sum;
+    }
+    for (int64_t i = 0; i < quarter; i++)
+        for (int p = 0; p < 4; p++) order[at[p][kind[p * quarter + i]]++] = chosen[p * quarter + i];
+    for (int64_t i = 4 * quarter; i < s->count; i++) order[at[3][kind[i]]++] = chosen[i];
 }
 
 /* One symbol of each of the first lanes in turns, m times. */
