@@ -44,7 +44,8 @@ static void choose_anchors(const Work *w, Lane *s) {
 }
 
 /* Context numbers of a component's symbols; whether its values leave room for one more trit. chosen: NULL for all. */
-INLINE int put_kinds(const int32_t *plane, const int32_t *chosen, int64_t count, uint8_t *kind) {
+INLINE int put_kinds(const int32_t *restrict plane, const int32_t *restrict chosen, int64_t count,
+                     uint8_t *restrict kind) {
     const int32_t room = (VALUE_LIMIT - 1) / 3;
     int outside = 0;
     for (int64_t i = 0; i < count; i++) {
