@@ -250,7 +250,10 @@ void read_static_channels(const Work *w, int64_t *channels, int64_t count) {
     Lane lanes[LANES];
     int64_t live = 0, next = 0;
     sort_channels(w, channels, count);
-    for (; live < LANES && next < count; live++) lanes[live] = new_lane(w->t->known), begin(w, lanes + live, channels[next++]);
+    for (; live < LANES && next < count; live++) {
+        lanes[live] = new_lane(w->t->known);
+        begin(w, lanes + live, channels[next++]);
+    }
     while (live) {
         int64_t m = INT64_MAX;
         for (int64_t l = 0; l < live;) {
