@@ -27,7 +27,7 @@ from reference_encoder.tuning import (
 )
 from scarfmt.arrays import F64, I64
 from scarfmt.render.camera import Camera
-from scarfmt.render.projection import Drawable, project
+from scarfmt.render.projection import Drawable
 from scarfmt.render.rasterise import Contributions, contributions_by_view
 from scarfmt.scene.gaussians import GaussianScene, concatenate
 
@@ -131,7 +131,7 @@ def measure(overview: Overview, part: Range, scene: GaussianScene) -> Measured:
 def find_meeting_views(cameras: Sequence[Camera], scene: GaussianScene) -> I64:
     """Find the views that may show any of a scene, by a part of it."""
     few = Drawable.of(sample_rows(scene))
-    seen = (number for number, camera in enumerate(cameras) if len(project(few, camera, sh_degree=0).index))
+    seen = (number for number, camera in enumerate(cameras) if len(few.near_picture(camera)))
     return np.fromiter(seen, np.int64)
 
 

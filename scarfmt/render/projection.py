@@ -68,6 +68,13 @@ class Drawable:
         load().scar_prepare(*addresses(*given), count, MIN_ALPHA, *addresses(*made))
         return Drawable(ready, scales, opacities, origin, outline)
 
+    def near_picture(self, camera: Camera) -> I32:
+        """(V,) int32 rising: the Gaussians whose ellipses may touch a picture; some of them do not."""
+        found = np.empty(len(self.scene), np.int32)
+        outlook = Outlook.of(camera, self.origin)
+        count = load().scar_nearby(byref(outlook), address(self.outline), len(found), address(found))
+        return found[:count]
+
 
 def _origin(positions: F64) -> F64:
     """A place amid the scene: differences from it keep more digits in float32."""
@@ -122,9 +129,8 @@ def project(
     drawable = Drawable.of(scene)
     ready, library = drawable.scene, load()
     fixed = None if colours is None else checked_colours(colours, len(ready))
-    found = np.empty(len(ready), np.int32)
-    outlook = Outlook.of(camera, drawable.origin)
-    count = library.scar_nearby(byref(outlook), address(drawable.outline), len(ready), address(found))
+    found = drawable.near_picture(camera)
+    count = len(found)
     gaussians = Scene(
         *addresses(ready.positions, drawable.scales, ready.rotations, drawable.opacities),
         None if fixed is None else address(fixed),
