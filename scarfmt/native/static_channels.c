@@ -24,6 +24,7 @@ typedef struct {
     int64_t taken, count;       /* classes whose anchors `chosen` holds, a bit each, -1: none yet; how many anchors */
     uint32_t past[TRIT_KINDS];  /* where each kind ends in `order` */
     int32_t *chosen, *order;
+    int32_t *symbols;           /* of trits that are read carefully; NULL until some are */
     uint8_t *kind_of;
     int bad_trit, out_of_range; /* told when all components of the step are read */
     const char *fault;
@@ -142,7 +143,8 @@ static int next_kind(const Work *w, Lane *s, int32_t factor, int32_t *plane) {
 
 /* Trits that may be none, or carry values beyond their range: symbols first, then the sums in 64 bits. */
 static void read_carefully(const Work *w, Lane *s, int32_t *plane) {
-    int32_t *symbols = pool_zeros(&channel_scratch, 4 * w->t->known);
+    if (!s->symbols) s->symbols = pool_zeros(&channel_scratch, 4 * w->t->known);
+    int32_t *symbols = s->symbols;
     while (next_kind(w, s, 0, symbols)) take_one(s, s->run.count);
     for (int64_t i = 0; i < s->count; i++) {
         const int64_t anchor = s->chosen[i], trit = symbols[anchor], now = 3 * (int64_t)plane[anchor] + trit;
