@@ -28,7 +28,7 @@ from tests.cli.conftest import Run, Shell, gaussians
 
 def test_a_ply_holds_what_the_decoder_gives(run: Run, encoded: Path, tmp_path: Path) -> None:
     assert run("decode", encoded, tmp_path / "a.ply").exit_code == 0
-    written, expected = load(tmp_path / "a.ply"), decode_file(encoded).scene
+    written, expected = load(tmp_path / "a.ply"), decode_scene(encoded)
     assert isinstance(written, GaussianScene)
     assert isinstance(expected, GaussianScene)
     np.testing.assert_array_equal(written.positions, expected.positions.astype(np.float32))
