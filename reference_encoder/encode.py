@@ -42,7 +42,7 @@ from reference_encoder.rdo.layers import (
     find_later_layers,
     layer_by_rule,
     price_layers,
-    split_for,
+    split_classes,
 )
 from reference_encoder.rdo.rdo_input import RdoInput
 from reference_encoder.streaming_block import build_streaming_block
@@ -175,12 +175,12 @@ class Encoder:
         problem, layers = self.profile.prepare(target), self.profile.options.layers
         self._report()
         self.trials += 1
+        curves = measure_curves(problem)
         if self.layering is not None:
-            classes, problem = problem.classes.count, self.layering.split(problem)
-            curves = measure_curves(problem)
+            classes = problem.classes.count
+            problem, curves = self.layering.split(problem, curves)
             choices = self.layering.choices(price_layers(problem, curves), classes)
             return self._allocate(LayeredInput(problem, curves, choices, choices[0]))
-        curves = measure_curves(problem)
         if layers > 1 and not self._previews:
             return self._allocate(layer_by_rule(problem, curves, layers))
         last = price_layers(problem, curves).final
@@ -205,7 +205,7 @@ class Encoder:
         asked, layers = self.profile.options.asked_db, self.profile.options.layers
         costs = price_layers(problem, curves)
         first = find_first_layer(costs, self._metric(problem, curves, FIRST_CAP_DB), asked, problem.base_share)
-        problem, curves = split_for(problem, curves, first)
+        problem, curves = split_classes(problem, curves, first.parts)
         metric = self._metric(problem, curves, asked)
         choices = find_later_layers(price_layers(problem, curves), metric, first.without_parts, layers)
         return LayeredInput(problem, curves, choices, first)

@@ -140,26 +140,43 @@ class Classes:
             parts: of the first classes, above 0 to 1; the rest of a class shown in part comes after all of them.
         """
         assert self.coverage_rank is not None
-        shown, cut = len(parts), [klass for klass, part in enumerate(parts) if part < 1]
-        part_of = np.concatenate([parts, np.ones(self.count - shown)])
-        number = np.concatenate([np.arange(shown), shown + len(cut) + np.arange(self.count - shown)])
-        later = number.copy()
-        later[cut] = shown + np.arange(len(cut))
+        whole, share, number, later = split_numbers(self.count, parts)
+        part_of = np.concatenate([parts, np.ones(self.count - len(parts))])
         of = np.where(self.coverage_rank < part_of[self.of], number[self.of], later[self.of])
 
         def presence(lambda_: float) -> F64:
-            bits, split = self.presence_bits(lambda_), np.zeros(self.count + len(cut))
-            split[later] = (1 - part_of) * bits
-            split[number] = part_of * bits
-            return split
+            return np.asarray(share * self.presence_bits(lambda_)[whole])
 
-        return replace(self, of=of, count=self.count + len(cut), presence_bits=presence)
+        return replace(self, of=of, count=len(whole), presence_bits=presence)
 
     def shown(self, parts: Sequence[float]) -> NDArray[np.bool_]:
         """(N,) whether an anchor is among the given parts of the first classes."""
         if self.coverage_rank is None:
             return self.of < len(parts)
         return self.coverage_rank < np.concatenate([parts, np.zeros(self.count - len(parts))])[self.of]
+
+
+def split_numbers(count: int, parts: Sequence[float]) -> tuple[I64, F64, I64, I64]:
+    """The classes that there are once the given parts of the first ones are classes of their own and come first.
+
+    Args:
+        count: classes before.
+        parts: of the first classes, above 0 to 1; the rest of a class shown in part comes after all of them.
+
+    Returns:
+        Of each class then, (m,) the class that it is of and the share of that which it has; of each class before,
+        (count,) the class that its part is then, and the class that its rest is.
+    """
+    shown, cut = len(parts), [klass for klass, part in enumerate(parts) if part < 1]
+    number = np.concatenate([np.arange(shown), shown + len(cut) + np.arange(count - shown)])
+    later = number.copy()
+    later[cut] = shown + np.arange(len(cut))
+    whole, share = np.zeros(count + len(cut), np.int64), np.ones(count + len(cut))
+    whole[later] = np.arange(count)
+    whole[number] = np.arange(count)
+    share[later[cut]] = 1 - np.array(parts)[cut]
+    share[number[cut]] = np.array(parts)[cut]
+    return whole, share, number, later
 
 
 def rank_by_coverage(positions: F64, classes: I64, extent: F64, box: tuple[F64, F64] | None = None) -> F64:

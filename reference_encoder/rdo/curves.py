@@ -9,11 +9,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
+from numpy.typing import NDArray
 
+from reference_encoder.rdo.classes import split_numbers
 from reference_encoder.rdo.rdo_input import RdoInput
 from reference_encoder.tuning import (
     COARSEST_COLOUR,
@@ -51,6 +53,12 @@ class RdCurve:
     step: tuple[float, ...]
     bits: F64
     error: F64
+
+    def split(self, parts: Sequence[float]) -> RdCurve:
+        """The curves once parts of the first classes are classes of their own (:func:`split_numbers`): a part that is
+        spread evenly costs and errs in proportion."""
+        whole, share, _, _ = split_numbers(len(self.bits), parts)
+        return replace(self, bits=self.bits[whole] * share[:, None], error=self.error[whole] * share[:, None])
 
 
 def predict_lambda(quality: float, gaussians: int, offset_db: float) -> float:
@@ -233,45 +241,81 @@ def _count(numbers: I64, below: int) -> tuple[I64, I64]:
     return used, counts[used]
 
 
-def choose_on_hull(bits: F64, error: F64, lambda_: float) -> int:
-    """Index on the lower convex hull of (bits, error) that is best at `lambda_`; grows as the lambda_ falls."""
-    best = 0
-    index = 0
-    while index < len(bits) - 1:
-        slopes = (error[index] - error[index + 1 :]) / np.maximum(bits[index + 1 :] - bits[index], 1e-9)
-        steepest = int(np.argmax(slopes))
-        if slopes[steepest] <= lambda_:
-            break
-        index += 1 + steepest
-        best = index
-    return best
+@dataclass(frozen=True)
+class StepChoices:
+    """What each lambda chooses: steps along the lower convex hulls of all curves (SPEC §6.5).
+
+    Attributes:
+        steps: (channels, classes, n) numbers of steps on the hull, rising; the last one repeated.
+        slopes: (channels, classes, n) error saved per bit on the way to each from the one before, not rising: infinite
+            for the first, 0 for those repeated.
+        bits, error: (channels, classes, n) of those.
+        stagger: (channels, classes) factors of lambda: every other channel of every other class refines half a step
+            early or late. Aligned steps would all refine at the same lambda, one layer gaining all and the next nothing.
+        latent: (channels,) whether a channel is LATENT.
+    """
+
+    steps: I64
+    slopes: F64
+    bits: F64
+    error: F64
+    stagger: F64
+    latent: NDArray[np.bool_]
+
+    @classmethod
+    def of(cls, curves: Sequence[RdCurve]) -> StepChoices:
+        """The hulls of some curves."""
+        classes, size = len(curves[0].bits), FINEST_STEP + 1
+        steps = np.zeros((len(curves), classes, size), np.int64)
+        slopes = np.zeros((len(curves), classes, size))
+        bits, error = np.zeros(slopes.shape), np.zeros(slopes.shape)
+        for number, curve in enumerate(curves):
+            for klass in range(classes):
+                place = number, klass
+                steps[place], slopes[place] = find_hull(curve.bits[klass], curve.error[klass], _least_steps(curve), size)
+                bits[place], error[place] = curve.bits[klass][steps[place]], curve.error[klass][steps[place]]
+        odd = np.add.outer(np.arange(len(curves)), np.arange(classes)) % 2
+        latent = np.array([curve.stream == Stream.LATENT for curve in curves])
+        return cls(steps, slopes, bits, error, np.where(odd, STAGGER, 1 / STAGGER), latent)
+
+    def at(self, lambda_: float, last: float, latent: bool = True) -> tuple[I64, F64, F64]:
+        """(channels, classes) steps, (classes,) error left, and (classes,) bits, of classes at `lambda_`.
+
+        Args:
+            last: lambda of the last layer, below which nothing is staggered.
+            latent: whether the LATENT channel may be received.
+        """
+        wanted = np.maximum(lambda_ * self.stagger, last)
+        place = (self.slopes > wanted[:, :, None]).sum(axis=2) - 1
+        if not latent:
+            place[self.latent] = 0
+        steps, bits, error = (
+            np.take_along_axis(values, place[:, :, None], axis=2)[:, :, 0]
+            for values in (self.steps, self.bits, self.error)
+        )
+        return steps, error.sum(axis=0), bits.sum(axis=0)
 
 
-def choose_steps(
-    curves: Sequence[RdCurve], klass: int, lambda_: float, last: float, latent: bool = True
-) -> tuple[tuple[int, ...], float, float]:
-    """Steps of each channel, error left and bits of one class at `lambda_`.
-
-    Aligned steps would all refine at the same lambda, one layer gaining everything and the next nothing. So
-    in layers before the last, every other channel of every other class goes half a step early or late.
+def find_hull(bits: F64, error: F64, least: int, size: int) -> tuple[I64, F64]:
+    """(size,) numbers of steps on the lower convex hull of (bits, error), and the slopes that lead to them.
 
     Args:
-        last: lambda of the last layer.
-        latent: whether the LATENT channel may be received.
+        bits, error: (steps + 1,) with 0.. steps.
+        least: fewest steps there may be: points of the hull before it are it.
+        size: at least as many as there are points; :class:`StepChoices` says what fills the rest.
     """
-    steps = []
-    for number, curve in enumerate(curves):
-        staggered = max(lambda_ * (STAGGER if (klass + number) % 2 else 1 / STAGGER), last)
-        left_out = curve.stream == Stream.LATENT and not latent
-        steps.append(0 if left_out else _choose_step(curve, klass, staggered))
-    error = sum(curve.error[klass, n] for curve, n in zip(curves, steps, strict=True))
-    bits = sum(curve.bits[klass, n] for curve, n in zip(curves, steps, strict=True))
-    return tuple(steps), float(error), float(bits)
-
-
-def _choose_step(curve: RdCurve, klass: int, lambda_: float) -> int:
-    best = choose_on_hull(curve.bits[klass], curve.error[klass], lambda_)
-    return min(max(best, _least_steps(curve)), MAX_STEPS)
+    chosen, slopes = [0], [math.inf]
+    while chosen[-1] < len(bits) - 1:
+        here = chosen[-1]
+        each = (error[here] - error[here + 1 :]) / np.maximum(bits[here + 1 :] - bits[here], 1e-9)
+        steepest = int(np.argmax(each))
+        if each[steepest] <= 0:
+            break
+        chosen.append(here + 1 + steepest)
+        slopes.append(min(float(each[steepest]), slopes[-1]))
+    rest = size - len(chosen)
+    steps = np.array(chosen + chosen[-1:] * rest, np.int64)
+    return np.clip(steps, least, MAX_STEPS), np.array(slopes + [0.0] * rest)
 
 
 def _least_steps(curve: RdCurve) -> int:

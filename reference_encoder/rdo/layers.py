@@ -12,10 +12,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
+from numpy.typing import NDArray
 
-from reference_encoder.rdo.curves import RdCurve, choose_steps, measure_curves
+from reference_encoder.rdo.curves import RdCurve, StepChoices
 from reference_encoder.rdo.rdo_input import RdoInput
 from reference_encoder.tuning import (
     BELOW_DB,
@@ -103,30 +105,33 @@ class LayerCosts:
         """The cheapest layer there is."""
         return show_whole(float(self.lambdas[-1]), 1)
 
-    @property
+    @cached_property
     def lambdas(self) -> F64:
         """Lambdas to choose from, rising from that of the last layer."""
         return np.asarray(self.last * np.geomspace(1, LARGEST_LAMBDA_RATIO, LAMBDAS))
 
     def steps(self, choice: LayerChoice) -> list[Steps]:
         """The steps that each class receives."""
-        return [self._increment(klass, choice)[0] for klass in range(choice.shown)]
+        steps = self._choices.at(choice.lambda_, self.last, choice.latent)[0]
+        return [tuple(map(int, column)) for column in steps[:, : choice.shown].T]
 
     def bits(self, choice: LayerChoice) -> float:
         """Bits up to a layer."""
-        fixed = self.presence_bits(choice.lambda_)
-        each = [part * (self._increment(k, choice)[2] + fixed[k]) for k, part in enumerate(choice.parts)]
-        return float(self.model_bits * choice.latent + sum(each))
+        each = self._offer(choice.lambda_, choice.latent).bits
+        return float(self.model_bits * choice.latent + np.dot(choice.parts, each[: choice.shown]))
 
-    def pays(self, klass: int, lambda_: float) -> bool:
-        """Whether a class is predicted to be worth its bits at `lambda_`."""
-        _, error, bits = self._increment(klass, show_whole(lambda_, klass + 1))
-        return error + lambda_ * (bits + float(self.presence_bits(lambda_)[klass])) < float(self.absence[klass])
+    def pays(self, lambda_: float) -> NDArray[np.bool_]:
+        """(classes,) whether each is predicted to be worth its bits at `lambda_`."""
+        offer = self._offer(lambda_, True)
+        return np.asarray(offer.error + lambda_ * offer.bits < self.absence)
 
     def affordable(self, kind: LayerChoice, bits: float) -> LayerChoice | None:
         """The layer like `kind` with the smallest lambda that takes at most `bits`; None if there is none."""
-        choices = (replace(kind, lambda_=float(lambda_)) for lambda_ in self.lambdas)
-        return next((choice for choice in choices if self.bits(choice) <= bits), None)
+        for lambda_ in self.lambdas.tolist():
+            choice = replace(kind, lambda_=lambda_)
+            if self.bits(choice) <= bits:
+                return choice
+        return None
 
     def coarser(self, choice: LayerChoice) -> list[LayerChoice]:
         """The layer with larger lambdas, rising."""
@@ -142,8 +147,29 @@ class LayerCosts:
             found.setdefault(tuple(float(part) for part in parts if part > 0))
         return list(found)
 
-    def _increment(self, klass: int, choice: LayerChoice) -> tuple[Steps, float, float]:
-        return choose_steps(self.curves, klass, choice.lambda_, self.last, choice.latent)
+    @cached_property
+    def _choices(self) -> StepChoices:
+        return StepChoices.of(self.curves)
+
+    @cached_property
+    def _offers(self) -> dict[tuple[float, bool], _Offer]:
+        return {}
+
+    def _offer(self, lambda_: float, latent: bool) -> _Offer:
+        """What classes cost at a lambda, looked up once."""
+        key = lambda_, latent
+        if key not in self._offers:
+            _, error, bits = self._choices.at(lambda_, self.last, latent)
+            self._offers[key] = _Offer(error, bits + self.presence_bits(lambda_))
+        return self._offers[key]
+
+
+@dataclass(frozen=True)
+class _Offer:
+    """(classes,) error left, and bits taken, positions and labels among them."""
+
+    error: F64
+    bits: F64
 
 
 @dataclass(frozen=True)
@@ -176,10 +202,9 @@ class Layering:
         more = classes - self.classes
         return ((1.0,) * more + self.first.parts)[max(-more, 0) :][:classes] or self.first.parts[-1:]
 
-    def split(self, problem: RdoInput) -> RdoInput:
-        """The problem with those classes split of which the first layer shows a part."""
-        parts = self.parts(problem.classes.count)
-        return problem if min(parts) == 1 else problem.split(parts)
+    def split(self, problem: RdoInput, curves: Sequence[RdCurve]) -> tuple[RdoInput, Sequence[RdCurve]]:
+        """With those classes split of which the first layer shows a part."""
+        return split_classes(problem, curves, self.parts(problem.classes.count))
 
     def choices(self, costs: LayerCosts, classes: int) -> list[LayerChoice]:
         """Choices for all layers of a problem that had so many classes before it was split."""
@@ -200,8 +225,8 @@ def predict_later_layers(first: LayerChoice, costs: LayerCosts, layers: int) -> 
     """The `first` layer of at least two, and those that are predicted to be best after it."""
     choices = [first]
     for lambda_ in reversed(costs.lambdas[costs.lambdas < first.lambda_]):
-        paying = [klass + 1 for klass in range(costs.final.shown) if costs.pays(klass, float(lambda_))]
-        choices.append(show_whole(float(lambda_), max([choices[-1].shown, *paying])))
+        paying = np.flatnonzero(costs.pays(float(lambda_)))
+        choices.append(show_whole(float(lambda_), max([choices[-1].shown, *(paying[-1:] + 1).tolist()])))
     choices.append(costs.final)
     bits = np.array([costs.bits(choice) for choice in choices])
     between = _share_bits(bits[0], bits[-1], layers)[1:-1]
@@ -376,16 +401,15 @@ class LayeredInput:
 def layer_by_rule(problem: RdoInput, curves: Sequence[RdCurve], layers: int) -> LayeredInput:
     """The content of at least two layers without a look at pictures: a first layer without holes, then others."""
     first = predict_first_layer(price_layers(problem, curves), problem.base_share)
-    problem, curves = split_for(problem, curves, first)
+    problem, curves = split_classes(problem, curves, first.parts)
     costs = price_layers(problem, curves)
     return LayeredInput(problem, curves, predict_later_layers(first.without_parts, costs, layers), first)
 
 
-def split_for(
-    problem: RdoInput, curves: Sequence[RdCurve], first: LayerChoice
+def split_classes(
+    problem: RdoInput, curves: Sequence[RdCurve], parts: Sequence[float]
 ) -> tuple[RdoInput, Sequence[RdCurve]]:
-    """With those classes split of which the first layer shows a part."""
-    if min(first.parts) < 1:
-        problem = problem.split(first.parts)
-        curves = measure_curves(problem)
-    return problem, curves
+    """With those classes split of which the first layer shows only some of the given parts."""
+    if min(parts) == 1:
+        return problem, curves
+    return problem.split(parts), [curve.split(parts) for curve in curves]

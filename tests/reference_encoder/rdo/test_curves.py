@@ -6,9 +6,17 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from reference_encoder.rdo.curves import align_steps, choose_on_hull, choose_steps, entropy_bits, measure_curve
-from reference_encoder.tuning import COARSEST_COLOUR
+from reference_encoder.rdo.curves import RdCurve, StepChoices, align_steps, entropy_bits, measure_curve
+from reference_encoder.tuning import COARSEST_COLOUR, FINEST_STEP
+from scarfmt.arrays import F64
 from scarfmt.container.schema import Stream
+
+
+def hull_choice(bits: F64, error: F64, lambda_: float) -> int:
+    """Steps that a lambda takes of one optional channel of one class."""
+    padded = (np.pad(values, (0, FINEST_STEP + 1 - len(values)), "edge")[None] for values in (bits, error))
+    steps, _, _ = StepChoices.of([RdCurve(Stream.LATENT, (1.0,), *padded)]).at(lambda_, lambda_)
+    return int(steps[0, 0])
 
 
 @given(
@@ -22,7 +30,7 @@ def test_hull_choice_never_takes_back(costs: list[float], gains: list[float], la
     size = min(len(costs), len(gains))
     bits = np.concatenate([[0], np.cumsum(costs[:size])])
     error = 400 - np.concatenate([[0], np.cumsum(gains[:size])])
-    assert choose_on_hull(bits, error, lambda_) <= choose_on_hull(bits, error, lambda_ / factor)
+    assert hull_choice(bits, error, lambda_) <= hull_choice(bits, error, lambda_ / factor)
 
 
 def test_hull_choice_is_the_minimum() -> None:
@@ -32,8 +40,17 @@ def test_hull_choice_is_the_minimum() -> None:
         bits = np.concatenate([[0], np.cumsum(draw.random(6))])
         error = np.concatenate([[5], 5 - np.cumsum(draw.random(6) * 0.8)])
         lambda_ = float(draw.random() * 3 + 0.01)
-        chosen = choose_on_hull(bits, error, lambda_)
+        chosen = hull_choice(bits, error, lambda_)
         assert error[chosen] + lambda_ * bits[chosen] <= (error + lambda_ * bits).min() + 1e-9
+
+
+def test_parts_of_a_class_cost_and_err_as_the_whole() -> None:
+    """A class that is split has the bits and the error it had, in its part and in its rest."""
+    draw = np.random.default_rng(1)
+    curve = RdCurve(Stream.SCALE, (1.0,), draw.random((3, FINEST_STEP + 1)), draw.random((3, FINEST_STEP + 1)))
+    parts = curve.split((1.0, 0.25))
+    np.testing.assert_allclose(parts.bits, np.array([1, 0.25, 0.75, 1])[:, None] * curve.bits[[0, 1, 1, 2]])
+    np.testing.assert_allclose(parts.error.sum(axis=0), curve.error.sum(axis=0))
 
 
 def test_entropy_matches_counts() -> None:
@@ -65,6 +82,6 @@ def test_no_layer_has_colours_that_turn_grey() -> None:
         measure_curve(stream, draw.normal(0, 0.2, (500, 3)), step, weight, classes, 1)
         for stream in (Stream.SCALE, Stream.COLOUR)
     ]
-    (scale, colour), _, _ = choose_steps(curves, 0, 1e9, 1e-9)
+    (scale,), (colour,) = StepChoices.of(curves).at(1e9, 1e-9)[0]
     assert scale == 1
     assert COARSEST_COLOUR / 3 < max(step) / 3.0 ** (colour - 1) <= COARSEST_COLOUR * (1 + 1e-9)
