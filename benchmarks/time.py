@@ -51,8 +51,6 @@ NAME = "time"
 QUALITIES, EFFORT, ROUNDS = (41.0, 47.0), 2, 2
 SHORT_SCENES, SHORT_QUALITIES = ("plush-toys",), (45.0, 47.0)
 SCENES = ("plush-toys", "plush-on-bed", "flowers")
-SLOW_SCENES = ("plush-toys",)
-"""Encoded at effort 3, too: elsewhere that takes longer than all the rest."""
 PICTURE_QUALITIES = {"flowers": 41.0, "plush-dog": 41.0, "biker": 41.0}
 """Qualities asked for, by scene, so that the judged views have about 41 dB: the encoder uses other views."""
 THREADS = (1, 2)
@@ -94,7 +92,7 @@ def measure_decoding(scene: Scene, short: bool) -> dict[str, Record]:
 
 def measure_efforts(scene: Scene, short: bool) -> dict[str, Record]:
     """Encode time, memory, bytes and error by effort, at two qualities; the first is the one compared at."""
-    efforts = (1,) if short else (1, 2, 3) if scene.name in SLOW_SCENES else (1, 2)
+    efforts = (1,) if short else (0, 1, 2)
     runs = []
     for effort in efforts:
         for quality in SHORT_QUALITIES if short else QUALITIES:

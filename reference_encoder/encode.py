@@ -5,8 +5,8 @@
     profile.prepare       RdoInput        at one lambda: classes, tiles, cells, latent      profiles, rdo
     measure_curves        RdCurve         nothing: what each step of each class costs       rdo/curves.py
     Encoder.trial         Trial           layers, steps, contexts, all integers             rdo/layers.py, allocation.py
-    Encoder.run           Trial           lambda, and layers by pictures, until pictures    judge
-                                          are as good as asked
+    Encoder.run           Trial           lambda, until pictures are as good as asked;      judge
+                                          then layers, by pictures
     encode                Encoded         nothing: the bytes, and how good they look        streaming_block.py
 
 One currency runs through all of it: lambda, squared picture error per bit.
@@ -22,7 +22,7 @@ from typing import Any
 
 import numpy as np
 
-from reference_encoder.judge.quality import IncrementalJudge, Quality
+from reference_encoder.judge.quality import Judge, Quality
 from reference_encoder.judge.rate_control import RateControl
 from reference_encoder.judge.reconstruct import reconstruct_preview
 from reference_encoder.judge.views import ViewSet
@@ -35,7 +35,6 @@ from reference_encoder.rdo.curves import RdCurve, measure_curves
 from reference_encoder.rdo.lattice import check_crowd, find_far
 from reference_encoder.rdo.layers import (
     LayeredInput,
-    Layering,
     PreviewMetric,
     Steps,
     find_first_layer,
@@ -145,42 +144,30 @@ class Trial:
 
 
 class Encoder:
-    """The stages after measuring, each repeated until pictures are as good as asked.
+    """The stages after measuring, repeated until pictures are as good as asked.
 
     Attributes:
         profile: the scene.
-        rate_control: of the quality to predict for.
-        layering: what layers hold by their pictures, once that is known.
         trials: so far.
     """
 
     def __init__(self, profile: Profile[Any]) -> None:
         self.profile = profile
-        self.rate_control = RateControl.for_options(profile.options)
-        self.layering: Layering | None = None
         self.trials = 0
 
     def run(self) -> Trial:
         """The trial that is as good as asked, layers in place."""
-        previews = int(self._previews)
-        trial = self._converge(self.trial(self.rate_control.target), previews)
-        if previews:
-            layered = self._layer_by_pictures(trial.problem, trial.curves)
-            self.layering = Layering.build(trial.problem.classes.count, layered.first, layered.choices)
-            trial = self._converge(self._allocate(layered))
+        trial = RateControl.for_options(self.profile.options).converge(self.trial, self._psnr_db)
+        if self._previews:
+            trial = self._allocate(self._layer_by_pictures(trial.problem, trial.curves))
         return trial
 
     def trial(self, target: float) -> Trial:
-        """The decision for a target, dB. Layers that go by rule are chosen anew for each target."""
+        """The decision for a target, dB: layers by rule, or one that pictures will divide."""
         problem, layers = self.profile.prepare(target), self.profile.options.layers
         self._report()
         self.trials += 1
         curves = measure_curves(problem)
-        if self.layering is not None:
-            classes = problem.classes.count
-            problem, curves = self.layering.split(problem, curves)
-            choices = self.layering.choices(price_layers(problem, curves), classes)
-            return self._allocate(LayeredInput(problem, curves, choices, choices[0]))
         if layers > 1 and not self._previews:
             return self._allocate(layer_by_rule(problem, curves, layers))
         last = price_layers(problem, curves).final
@@ -220,17 +207,15 @@ class Encoder:
 
         return decibels
 
-    def _converge(self, trial: Trial, reserve: int = 0) -> Trial:
-        return self.rate_control.converge(trial, self.trial, self._psnr_db, reserve)
-
     @cached_property
-    def _judge(self) -> IncrementalJudge[Any]:
+    def _judge(self) -> Judge[Any]:
         """Pictures of the source, drawn when they are first wanted."""
-        return IncrementalJudge(self.profile.judge(ViewSet.TUNING), self.profile.options.worst is None)
+        return self.profile.judge(ViewSet.TUNING)
 
     def _psnr_db(self, trial: Trial) -> float:
         self._report()
-        return self._judge.psnr_db(self.profile.reconstruct(trial.scene))
+        found = self._judge.quality(self.profile.reconstruct(trial.scene))
+        return found.mean_db if self.profile.options.worst is None else found.low_db
 
     def _report(self) -> None:
         """Report that the fit goes on. How many trials it takes is not known: each is a third of what is left."""

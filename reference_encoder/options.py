@@ -33,7 +33,8 @@ class EncodeOptions:
             are drawn that nothing was decided by; 20..80.
         worst: dB that 19 of 20 of the views have by which results are judged (their 5th percentile), in place of a
             mean; 20..80, or None.
-        effort: 1 fast; 2 default; 3 slow: views, corrections, and from 2 layers chosen from pictures.
+        effort: 0 a draft that weighs Gaussians by size and opacity and looks at nothing but the result; 1 fast; 2
+            default: twice as many views, and layers chosen from pictures.
         corrections: how often at most lambda is corrected by what pictures of the result show, 0..10; 0 takes the
             predicted one, None what `effort` says.
         layers: most layers, 1..16. The first takes about a quarter of the bytes, from effort 2 as few as give a picture
@@ -79,7 +80,7 @@ class EncodeOptions:
         if self.worst is not None and not MIN_QUALITY <= self.worst <= MAX_QUALITY:
             raise InvalidInput("input-options", f"worst {self.worst} is not in 20..80", field="worst")
         if self.effort not in EFFORTS:
-            raise InvalidInput("input-options", f"effort {self.effort} is not 1, 2 or 3", field="effort")
+            raise InvalidInput("input-options", f"effort {self.effort} is not 0, 1 or 2", field="effort")
         if self.corrections is not None and not 0 <= self.corrections <= MAX_CORRECTIONS:
             message = f"corrections is {self.corrections}: it must be between 0 and {MAX_CORRECTIONS}"
             raise InvalidInput("input-options", message, field="corrections")
@@ -90,6 +91,8 @@ class EncodeOptions:
             bounds = f"between {MIN_TILE_ANCHORS} and {MAX_ANCHORS_PER_TILE}"
             message = f"tile_anchors is {self.tile_anchors}: it must be {bounds}"
             raise InvalidInput("input-options", message, field="tile_anchors")
+        if self.effort == 0 and self.cameras is not None:
+            raise InvalidInput("input-options", "effort 0 weighs without views: cameras need effort 1", field="cameras")
         if self.only_cameras and self.cameras is None:
             raise InvalidInput("input-options", "only_cameras needs cameras", field="only_cameras")
         pack_metadata(self.metadata)
@@ -100,7 +103,7 @@ class Effort:
     """The settings of an effort level.
 
     Attributes:
-        survey_views: views of the survey; more where a scene holds more.
+        survey_views: views of the survey; more where a scene holds more; 0 for none.
         judged_views: small pictures of each kind a result is judged by.
         judged_gaussians: fewer, if a source of so many Gaussians would be drawn more than once for each kind.
         corrections: of lambda, by what these show.
@@ -115,26 +118,8 @@ class Effort:
 
 
 EFFORTS = {
-    1: Effort(
-        survey_views=96,
-        judged_views=128,
-        judged_gaussians=8_000_000,
-        corrections=4,
-        previews_layers=False,
-    ),
-    2: Effort(
-        survey_views=192,
-        judged_views=128,
-        judged_gaussians=16_000_000,
-        corrections=5,
-        previews_layers=True,
-    ),
-    3: Effort(
-        survey_views=384,
-        judged_views=192,
-        judged_gaussians=64_000_000,
-        corrections=6,
-        previews_layers=True,
-    ),
+    0: Effort(survey_views=0, judged_views=8, judged_gaussians=0, corrections=0, previews_layers=False),
+    1: Effort(survey_views=96, judged_views=48, judged_gaussians=5_000_000, corrections=3, previews_layers=False),
+    2: Effort(survey_views=192, judged_views=48, judged_gaussians=5_000_000, corrections=3, previews_layers=True),
 }
 """By level."""

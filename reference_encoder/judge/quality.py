@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 from typing import Any, Generic, TypeVar
 
@@ -16,13 +16,10 @@ import numpy as np
 
 from reference_encoder.judge.views import Views
 from reference_encoder.tuning import (
-    FEWEST_COMPARED,
     KIND_BELOW_DB,
     LOW_BELOW_DB,
     MOST_ABOVE_DB,
     MOST_DB,
-    MOST_MOVED_DB,
-    VIEWS_A_COMPARED,
 )
 from scarfmt.arrays import F32, F64
 from scarfmt.render.camera import Camera
@@ -91,9 +88,16 @@ class Quality:
         """PSNR of the worst of all views, dB; infinite if there is no view."""
         return float(self._weighted()[1].min(initial=math.inf))
 
-    def thinned(self, some: Callable[[int], slice]) -> Quality:
-        """The quality of `some` of the views of each kind."""
-        return Quality({kind: found[some(len(found))] for kind, found in self.psnr_db.items()}, self.shares)
+    @property
+    def error_db(self) -> float:
+        """Standard error of the mean, dB: other views of the same kinds would have another; 0 of fewer than two views a
+        kind."""
+        spread = [
+            (self.shares[kind] / sum(self.shares[each] for each in self.psnr_db)) ** 2 * found.var(ddof=1) / len(found)
+            for kind, found in self.psnr_db.items()
+            if len(found) > 1
+        ]
+        return math.sqrt(sum(spread))
 
     def by_kind(self) -> dict[str, Quality]:
         """The quality of the views of each kind."""
@@ -108,7 +112,8 @@ class Quality:
         places = "all places tried" if values.min() >= ALIKE_DB else f"{math.floor(100 * share + 1e-9)} % of places"
         worst = min(self.psnr_db, key=lambda kind: float(self.psnr_db[kind].min()))
         return (
-            f"looks like the source from {places} ({ALIKE_DB:g} dB or more), {self.mean_db:.1f} dB on average;"
+            f"looks like the source from {places} ({ALIKE_DB:g} dB or more),"
+            f" {self.mean_db:.1f} ± {self.error_db:.1f} dB on average;"
             f" worst {_PLACES.get(worst, worst)}, {self.worst_db:.1f} dB"
         )
 
@@ -125,8 +130,10 @@ class Quality:
         return said
 
     def figures(self) -> dict[str, Any]:
-        """JSON-able: number of views; mean, 5th percentile and worst in dB, two decimals; the same of each kind."""
-        return {**self._figures(), "kinds": {kind: found._figures() for kind, found in self.by_kind().items()}}
+        """JSON-able: number of views; mean, 5th percentile and worst in dB, two decimals, and the standard error of the
+        mean; all but the last of each kind."""
+        error = {"error_db": round(self.error_db, 2)} if len(self) else {}
+        return {**self._figures(), **error, "kinds": {kind: found._figures() for kind, found in self.by_kind().items()}}
 
     def _figures(self) -> dict[str, Any]:
         if not len(self):
@@ -174,10 +181,6 @@ class Judge(Generic[S]):
         shown = {kind: [pair for pair in pairs if pair[1].any()] for kind, pairs in pictures.items()}
         return cls(view, {kind: pairs for kind, pairs in shown.items() if pairs}, views.shares, most_db)
 
-    def thinned(self, some: Callable[[int], slice]) -> Judge[S]:
-        """`some` of so many views of each kind."""
-        return replace(self, seen={kind: pairs[some(len(pairs))] for kind, pairs in self.seen.items()})
-
     def quality(self, scene: S) -> Quality:
         """How good pictures of `scene` are."""
         draw = self.view(scene)
@@ -192,34 +195,3 @@ def _decibels(draw: View, pairs: Sequence[tuple[Camera, F32]]) -> Iterator[float
     """PSNR of what `draw` draws from each camera against the picture beside it, dB."""
     drawn = each_view(draw, [camera for camera, _ in pairs])
     return (psnr(picture, truth) for picture, (_, truth) in zip(drawn, pairs, strict=True))
-
-
-class IncrementalJudge(Generic[S]):
-    """Judges one trial after another: the first by all views, later ones by what they change in some of them.
-
-    From view to view PSNR differs by 5 to 10 dB, but what a change of lambda does to it differs by tenths: differences
-    in half of the views tell as much as all of them (docs/decisions/0031-encoder-time.md).
-
-    Attributes:
-        judge: all views.
-        by_mean: whether a mean was asked for, not a floor, which no difference tells.
-    """
-
-    def __init__(self, judge: Judge[S], by_mean: bool) -> None:
-        self.judge, self.by_mean = judge, by_mean
-        self._few = judge.thinned(compared_views)
-        self._whole: Quality | None = None
-
-    def psnr_db(self, scene: S) -> float:
-        """The PSNR of a trial, mean or low end, which is compared with the target, dB."""
-        if self.by_mean and self._whole is not None and len(self._whole):
-            moved = self._few.quality(scene).mean_db - self._whole.thinned(compared_views).mean_db
-            if abs(moved) <= MOST_MOVED_DB:
-                return self._whole.mean_db + moved
-        self._whole = self.judge.quality(scene)
-        return self._whole.mean_db if self.by_mean else self._whole.low_db
-
-
-def compared_views(views: int) -> slice:
-    """The views of a kind, of so many, that show what a later trial changes."""
-    return slice(None, None, max(1, min(VIEWS_A_COMPARED, views // FEWEST_COMPARED)))

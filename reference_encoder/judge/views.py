@@ -19,6 +19,7 @@ from reference_encoder.tuning import (
     JITTER_PART,
     JUDGED_SAMPLES,
     LEAST_JUDGED_VIEWS,
+    LOW_VIEWS,
     TUNING_SEED,
 )
 from scarfmt.render.camera import Camera
@@ -80,9 +81,11 @@ def judging_views(scene: GaussianScene, options: EncodeOptions, up: Upright, vie
 
 
 def views_of_kind(options: EncodeOptions, count: int) -> int:
-    """Views of each kind for a scene of `count` Gaussians: what the effort has, fewer in large scenes."""
+    """Views of each kind for a scene of `count` Gaussians: what the effort has, fewer in large scenes; more for a
+    percentile."""
     effort = EFFORTS[options.effort]
-    return min(effort.judged_views, max(LEAST_JUDGED_VIEWS, effort.judged_gaussians // max(count, 1)))
+    views = min(effort.judged_views, max(LEAST_JUDGED_VIEWS, effort.judged_gaussians // max(count, 1)))
+    return views if options.worst is None else LOW_VIEWS * views
 
 
 def _sample_pixels(cameras: Sequence[Camera]) -> list[Camera]:

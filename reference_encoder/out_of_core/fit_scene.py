@@ -46,7 +46,6 @@ def fit_scene(overview: Overview, samples: Sequence[Sample], judge: Callable[[Fi
         judge: what the ranges `overview.judging_ranges` give under a Fit, from the views :attr:`ViewSet.TUNING`.
     """
     options, sampled = overview.options, prepare_sample(overview, samples)
-    control = RateControl.for_options(options)
 
     def decibels(fit: Fit) -> float:
         found = combine_quality(overview, judge(fit))
@@ -55,7 +54,7 @@ def fit_scene(overview: Overview, samples: Sequence[Sample], judge: Callable[[Fi
     def fit(quality: float) -> Fit:
         return fit_sample(overview, sampled, quality)
 
-    return control.converge(fit(control.target), fit, decibels)
+    return RateControl.for_options(options).converge(fit, decibels)
 
 
 Prepared = tuple[Attributes, Sensitivity, float]

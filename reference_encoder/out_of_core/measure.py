@@ -12,6 +12,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from reference_encoder.importance.draft import weigh_draft
 from reference_encoder.importance.weights import Weights, WeightSums, weigh_unoccluded
 from reference_encoder.out_of_core.overview import Overview, sample_evenly
 from reference_encoder.out_of_core.types import Measured, Range, Sample
@@ -112,6 +113,8 @@ def measure(overview: Overview, part: Range, scene: GaussianScene) -> Measured:
         scene: its Gaussians, in any order; the result is in the same.
     """
     looked, effort = overview.survey, overview.options.effort
+    if not looked.cameras:
+        return _measured(weigh_draft(scene, looked))
     drawable, sums, kinds = overview.drawn(part, scene), WeightSums(len(scene)), {}
     few = sample_rows(scene)
     for kind, cameras in looked.views.items():
@@ -123,7 +126,10 @@ def measure(overview: Overview, part: Range, scene: GaussianScene) -> Measured:
             sums.add(_own(seen, len(scene)), scene.positions, camera, stands_for)
         kinds[kind] = sums.means(len(cameras))
     floor = weigh_unoccluded(scene, FLOOR_DISTANCE * looked.radius, overview.bounds.count)
-    weights = Weights(kinds, looked.shares, floor, sums.pixel(looked.radius), sums.largest)
+    return _measured(Weights(kinds, looked.shares, floor, sums.pixel(looked.radius), sums.largest))
+
+
+def _measured(weights: Weights) -> Measured:
     shape, colour = weights.shape.astype(np.float32), weights.colour.astype(np.float32)
     return Measured(shape, colour, weights.pixel, weights.largest)
 

@@ -66,8 +66,10 @@ class AnchorProfile:
         """Measure a model without NaN or infinity, from the views that matter.
 
         Raises:
-            InvalidInput: ``input-anchors`` when its networks are missing.
+            InvalidInput: ``input-anchors`` when its networks are missing; ``input-options`` at effort 0.
         """
+        if options.effort == 0:
+            raise InvalidInput("input-options", "anchor models need views: give effort 1 or 2", field="effort")
         if set(model.mlps) != set(NETWORKS):
             raise InvalidInput("input-anchors", f"networks {sorted(model.mlps)}: need opacity, cov and color")
         # As for a scene with a Gaussian on every anchor, but fewer.

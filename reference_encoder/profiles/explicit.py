@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from reference_encoder.importance.attributes import Attributes, visible_attributes
+from reference_encoder.importance.draft import weigh_draft
 from reference_encoder.importance.sensitivity import Sensitivity, measure_sensitivity
 from reference_encoder.importance.view_sampling import SurveyViews, sample_views
 from reference_encoder.importance.weights import Weights, weigh_scene
@@ -74,7 +75,10 @@ class ExplicitProfile:
         """Measure a scene without NaN or infinity, from the views that matter."""
         report("visibility", 0.0)
         views = sample_views(scene, options)
-        weights = weigh_scene(scene, views, lambda part: report("visibility", part))
+        if views.cameras:
+            weights = weigh_scene(scene, views, lambda part: report("visibility", part))
+        else:
+            weights = weigh_draft(scene, views)
         attributes = visible_attributes(scene, weights.pixel)
         options = replace(options, frame=views.up.up)
         return cls(scene, attributes, views, weights, measure_sensitivity(attributes, weights), options, report)

@@ -251,7 +251,7 @@ class StepChoices:
             for the first, 0 for those repeated.
         bits, error: (channels, classes, n) of those.
         stagger: (channels, classes) factors of lambda: every other channel of every other class refines half a step
-            early or late. Aligned steps would all refine at the same lambda, one layer gaining all and the next nothing.
+            early or late. Aligned steps would all refine at the same lambda, one layer gaining all, the next nothing.
         latent: (channels,) whether a channel is LATENT.
     """
 
@@ -271,9 +271,9 @@ class StepChoices:
         bits, error = np.zeros(slopes.shape), np.zeros(slopes.shape)
         for number, curve in enumerate(curves):
             for klass in range(classes):
-                place = number, klass
-                steps[place], slopes[place] = find_hull(curve.bits[klass], curve.error[klass], _least_steps(curve), size)
-                bits[place], error[place] = curve.bits[klass][steps[place]], curve.error[klass][steps[place]]
+                place, rate, left = (number, klass), curve.bits[klass], curve.error[klass]
+                steps[place], slopes[place] = find_hull(rate, left, _least_steps(curve), size)
+                bits[place], error[place] = rate[steps[place]], left[steps[place]]
         odd = np.add.outer(np.arange(len(curves)), np.arange(classes)) % 2
         latent = np.array([curve.stream == Stream.LATENT for curve in curves])
         return cls(steps, slopes, bits, error, np.where(odd, STAGGER, 1 / STAGGER), latent)
@@ -289,11 +289,8 @@ class StepChoices:
         place = (self.slopes > wanted[:, :, None]).sum(axis=2) - 1
         if not latent:
             place[self.latent] = 0
-        steps, bits, error = (
-            np.take_along_axis(values, place[:, :, None], axis=2)[:, :, 0]
-            for values in (self.steps, self.bits, self.error)
-        )
-        return steps, error.sum(axis=0), bits.sum(axis=0)
+        here = (*np.indices(place.shape), place)
+        return self.steps[here], self.error[here].sum(axis=0), self.bits[here].sum(axis=0)
 
 
 def find_hull(bits: F64, error: F64, least: int, size: int) -> tuple[I64, F64]:

@@ -172,55 +172,6 @@ class _Offer:
     bits: F64
 
 
-@dataclass(frozen=True)
-class Layering:
-    """The content of layers, found at one lambda of the last layer and valid for others nearby.
-
-    Classes are ranked from the least important up, at steps of importance from what is just worth its bits: where
-    lambda changes, it is the most important end that gains or loses a class.
-
-    Attributes:
-        classes: there were when the layers were chosen, before any was split.
-        first: the first layer, before any class was split for it; its lambda in that of the last layer.
-        later: layers after it but for the last, after classes were split, lambdas likewise.
-    """
-
-    classes: int
-    first: LayerChoice
-    later: tuple[LayerChoice, ...]
-
-    @classmethod
-    def build(cls, classes: int, first: LayerChoice, choices: Sequence[LayerChoice]) -> Layering:
-        """Build the layering from the `choices` for all layers, which were found after classes were split for the
-        `first`."""
-        last = choices[-1].lambda_
-        later = tuple(replace(choice, lambda_=choice.lambda_ / last) for choice in choices[1:-1])
-        return cls(classes, replace(first, lambda_=first.lambda_ / last), later)
-
-    def parts(self, classes: int) -> tuple[float, ...]:
-        """The parts of its classes that the first layer shows, if there are `classes`."""
-        more = classes - self.classes
-        return ((1.0,) * more + self.first.parts)[max(-more, 0) :][:classes] or self.first.parts[-1:]
-
-    def split(self, problem: RdoInput, curves: Sequence[RdCurve]) -> tuple[RdoInput, Sequence[RdCurve]]:
-        """With those classes split of which the first layer shows a part."""
-        return split_classes(problem, curves, self.parts(problem.classes.count))
-
-    def choices(self, costs: LayerCosts, classes: int) -> list[LayerChoice]:
-        """Choices for all layers of a problem that had so many classes before it was split."""
-        count, first = costs.final.shown, len(self.parts(classes))
-        more, cut = classes - self.classes, count - classes
-        cut -= sum(part < 1 for part in self.first.parts)
-        shown = [first, *(max(min(choice.shown + more + cut, count), first) for choice in self.later)]
-        return [
-            *(
-                LayerChoice(choice.lambda_ * costs.last, (1.0,) * number, choice.latent)
-                for choice, number in zip((self.first, *self.later), shown, strict=True)
-            ),
-            costs.final,
-        ]
-
-
 def predict_later_layers(first: LayerChoice, costs: LayerCosts, layers: int) -> list[LayerChoice]:
     """The `first` layer of at least two, and those that are predicted to be best after it."""
     choices = [first]

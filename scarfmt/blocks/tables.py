@@ -23,10 +23,10 @@ from scarfmt.blocks.declare import (
     varints,
 )
 from scarfmt.blocks.spec import BlockSpec, Reading
-from scarfmt.container.bytefields import compress, unsigned_varint
+from scarfmt.container.bytefields import compress
 from scarfmt.container.registries import BlockKind
 from scarfmt.entropy.keys import TableKey
-from scarfmt.entropy.rans import MAX_ALPHABET
+from scarfmt.entropy.rans import MAX_ALPHABET, PRECISION, scale_weights
 from scarfmt.entropy.symbol_tables import SymbolTable
 from scarfmt.errors import Malformed
 
@@ -34,7 +34,9 @@ MAX_TABLES = 1 << 16
 MAX_TABLES_BYTES = 64 << 20
 _VALUE = 1 << 31
 # Weight precisions tried for a table; the cheapest of table bytes + coding loss wins.
-_WEIGHT_BITS = (3, 5, 7, 9, 11, 13)
+_TOP_WEIGHTS = 2.0 ** np.array([3, 5, 7, 9, 11, 13]) - 1
+# Weights from which on varints take another byte each.
+_LONGER_VARINTS = np.array([1 << 7, 1 << 14])
 
 
 _TABLE = Record(
@@ -93,20 +95,11 @@ def _bad_table(message: str) -> Malformed:
 
 def fit_table(alphabet: I64, counts: I64) -> SymbolTable:
     """The table whose own bytes plus coding loss on `counts` are least."""
-    best: SymbolTable | None = None
-    least = float("inf")
-    for bits in _WEIGHT_BITS:
-        scaled = np.rint(counts * (((1 << bits) - 1) / counts.max())).astype(np.int64)
-        candidate = SymbolTable(alphabet, np.maximum(scaled, 1))
-        cost = float((candidate.table.bits * counts).sum()) + 8 * len(_pack_weights(candidate.weights))
-        if cost < least:
-            best, least = candidate, cost
-    assert best is not None
-    return best
-
-
-def _pack_weights(weights: I64) -> bytes:
-    return b"".join(unsigned_varint(int(weight)) for weight in weights)
+    scaled = np.rint(counts * (_TOP_WEIGHTS / counts.max())[:, None]).astype(np.int64)
+    weights = np.maximum(scaled, 1)
+    coded = ((PRECISION - np.log2(scale_weights(weights).astype(np.float64))) * counts).sum(axis=1)
+    own = np.searchsorted(_LONGER_VARINTS, weights, side="right").sum(axis=1)
+    return SymbolTable(alphabet, weights[int(np.argmin(coded + 8 * own))])
 
 
 def _fields(key: TableKey, table: SymbolTable) -> dict[str, Any]:

@@ -115,7 +115,8 @@ _ENDING = ".scar"
 @click.option(
     "--effort",
     type=click.IntRange(min(EFFORTS), max(EFFORTS)),
-    help=f"Time spent on a smaller file. 1: fast. 3: slow [default: {DEFAULTS.effort}].",
+    help="Time spent on a smaller file. 0: a draft, in seconds. 1: fast. 2: twice as many views, and layers chosen from"
+    f" pictures [default: {DEFAULTS.effort}].",
 )
 @click.option(
     "--corrections",

@@ -72,14 +72,11 @@ def put_channel(
             coarse = np.where(step > 1, coarsen(values, np.maximum(at - step + 1, 0)[:, None]), 0)
             _code_predicted(channel, step, chosen, coarse, predicted, put)
             continue
-        for component in range(channel.components):
-            key = TableKey(channel.stream, component, step, 0)
-            here = coarsen(values[chosen, component], at[chosen] - step)
-            if step == 1:
-                emitter.emit_by_context(key, np.zeros(len(chosen), np.int64), here)
-            else:
-                coarse = coarsen(here, 1)
-                emitter.emit_by_context(key, trit_contexts(coarse), here - 3 * coarse)
+        here = coarsen(values[chosen].T, at[chosen] - step)
+        coarse = coarsen(here, 1) if step > 1 else np.zeros_like(here)
+        kinds = (trit_contexts(coarse) if step > 1 else coarse).astype(np.uint16)
+        groups = [(StepKey(channel.stream, (c,), step), len(chosen)) for c in range(channel.components)]
+        emitter.emit_groups(groups, kinds.ravel(), (here - 3 * coarse).ravel())
         if predicted is not None:
             predicted.settle(step, chosen, coarsen(values[chosen], (at[chosen] - step)[:, None]))
 

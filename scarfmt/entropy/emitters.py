@@ -214,10 +214,35 @@ class SymbolWriter(Emitter):
             self._rans.encode(np.searchsorted(entry.alphabet, values), entry.table)
 
     def emit_grouped(self, key: StepKey, kinds: Ints, values: Ints) -> None:
+        self.emit_groups([(key, len(values))], kinds.astype(np.uint16, copy=False), values)
+
+    def emit_groups(self, groups: Sequence[Group], kinds: U16, values: Ints) -> None:
         if not len(values):
             return
-        order = np.argsort(kinds.astype(np.uint16), kind="stable")
-        self._rans.append(*self._tables.step(key).spans(kinds[order], values[order]))
+        sizes = np.array([count for _, count in groups])
+        named = np.array([not isinstance(name, int) for name, _ in groups])
+        spans = np.empty((2, len(values)), np.uint32)
+        static = np.repeat(named, sizes)
+        if len(kinds):
+            steps = [(name, count) for name, count in groups if not isinstance(name, int)]
+            spans[:, static] = self._static_spans(steps, kinds, values[static])
+        for (name, count), past in zip(groups, np.cumsum(sizes).tolist(), strict=True):
+            if isinstance(name, int):
+                part = slice(past - count, past)
+                spans[:, part] = cached_uniform(name).spans(values[part])
+        self._rans.append(*spans)
+
+    def _static_spans(self, groups: Sequence[tuple[StepKey, int]], kinds: U16, values: Ints) -> tuple[I64, I64]:
+        """(n,) first slots of symbols of one stream that have static tables, and those past the last."""
+        sizes = [count for _, count in groups]
+        numbers = {step: number for number, step in enumerate(dict.fromkeys(step for step, _ in groups))}
+        order = np.argsort(kinds, kind="stable")
+        group = np.repeat(np.arange(len(groups)), sizes)[order]
+        # Numbers of 16 bits are sorted by counting.
+        order = order[np.argsort(group.astype(np.uint16) if len(groups) <= 1 << 16 else group, kind="stable")]
+        which = np.repeat([numbers[step] for step, _ in groups], sizes)
+        tables = self._tables.stream(groups[0][0].stream)
+        return tables.spans(list(numbers), which, kinds[order], values[order])
 
     def emit_uniform(self, size: int, values: Ints) -> None:
         self._rans.encode(values, cached_uniform(size))

@@ -54,11 +54,7 @@ class FrequencyTable:
 
     @classmethod
     def from_weights(cls, weights: NDArray[np.integer[Any]]) -> FrequencyTable:
-        """Frequencies from integer weights by exact prefix sums (SPEC §8.1).
-
-        With C_i the sum of the first i of n weights, the cumulative frequency is
-        c_i = floor(C_i * (2^24 - n) / C_n) + i. Integer arithmetic throughout: the product stays below
-        2^63 while C_n < 2^39.
+        """Frequencies from integer weights (SPEC §8.1).
 
         Args:
             weights: (n,) non-negative integers, not all zero, sum below 2^39.
@@ -73,9 +69,7 @@ class FrequencyTable:
                 " of 1 to 2^39 - 1 (SPEC §8.1)",
                 field="table",
             )
-        prefix = np.concatenate(([0], np.cumsum(w)))
-        cumulative = prefix * (TOTAL - n) // total + np.arange(n + 1)
-        return cls(np.diff(cumulative))
+        return cls(scale_weights(w))
 
     def __len__(self) -> int:
         return len(self.frequencies)
@@ -84,6 +78,15 @@ class FrequencyTable:
     def cumulative(self) -> I64:
         """(n + 1,) int64 exclusive prefix sums, ending in 2^24."""
         return np.concatenate(([0], np.cumsum(self.frequencies)))
+
+    def spans(self, symbols: Ints) -> tuple[I64, I64]:
+        """(n,) first slots of `symbols`, integers in 0..n-1, and those past the last.
+
+        Raises:
+            InvalidInput: ``input-symbol``.
+        """
+        _check_symbols(symbols, len(self))
+        return self.cumulative[symbols], self.cumulative[1:][symbols]
 
     @cached_property
     def bits(self) -> NDArray[np.float64]:
@@ -100,6 +103,19 @@ class FrequencyTable:
         if "model" not in self._cache:
             self._cache["model"] = Categorical((self.frequencies - 1).astype(np.float64), perfect=False)
         return self._cache["model"]
+
+
+def scale_weights(weights: I64) -> I64:
+    """(..., n) frequencies of (..., n) weights, by exact prefix sums (SPEC §8.1).
+
+    With C_i the sum of the first i of n weights, the cumulative frequency is
+    c_i = floor(C_i * (2^24 - n) / C_n) + i. Integer arithmetic throughout: the product stays below
+    2^63 while C_n < 2^39.
+    """
+    n = weights.shape[-1]
+    prefix = np.cumsum(weights, axis=-1)
+    cumulative = prefix * (TOTAL - n) // prefix[..., -1:] + np.arange(1, n + 1)
+    return np.asarray(np.diff(cumulative, axis=-1, prepend=0))
 
 
 def uniform_table(size: int) -> FrequencyTable:
@@ -127,9 +143,9 @@ class RansEncoder:
         Raises:
             InvalidInput: ``input-symbol``.
         """
-        _check_symbols(symbols, len(table))
+        spans = table.spans(symbols)
         if len(symbols) and len(table) > 1:
-            self.append(table.cumulative[symbols], table.cumulative[1:][symbols])
+            self.append(*spans)
 
     def encode_rows(self, symbols: Ints, weights: F64) -> None:
         """Append `symbols`, each coded with a frequency table of its own (SPEC §8.1, §10.5).

@@ -6,13 +6,14 @@ two bytes, not a wide alphabet.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
-from scarfmt.arrays import I64, Ints
+from scarfmt.arrays import I64, U16, Ints
 from scarfmt.entropy.keys import CONTEXTS, StepKey, TableKey
 from scarfmt.entropy.rans import FrequencyTable
 from scarfmt.errors import InvalidInput, Malformed
@@ -48,35 +49,48 @@ JOINT_BITS = 33
 JOINT_ZERO = 1 << 32
 
 
-class StepTables:
-    """The tables of a step side by side, for symbols of many kinds at once.
+class StreamTables:
+    """The tables of a stream side by side, for symbols of many groups at once.
 
     Args:
-        key: the step.
+        stream: which.
         tables: in force.
     """
 
-    def __init__(self, key: StepKey, tables: Mapping[TableKey, SymbolTable]) -> None:
+    def __init__(self, stream: int, tables: Mapping[TableKey, SymbolTable]) -> None:
         joint, first, past = ([np.zeros(0, np.int64)] for _ in range(3))
-        for kind in range(CONTEXTS * len(key.components)):
-            table = tables.get(key.table(kind))
-            if table is not None:
-                joint.append((kind << JOINT_BITS) + table.alphabet + JOINT_ZERO)
-                first.append(table.table.cumulative[:-1])
-                past.append(table.table.cumulative[1:])
+        for key in sorted(key for key in tables if key.stream == stream):
+            table = tables[key]
+            joint.append((_place(key.component, key.step, key.context) << JOINT_BITS) + table.alphabet + JOINT_ZERO)
+            first.append(table.table.cumulative[:-1])
+            past.append(table.table.cumulative[1:])
         self._joint, self._first, self._past = map(np.concatenate, (joint, first, past))
 
-    def spans(self, kinds: Ints, values: Ints) -> tuple[I64, I64]:
-        """(n,) first slots of symbols in their tables, and slots past the last, of (n,) kinds and values.
+    def spans(self, steps: Sequence[StepKey], which: I64, kinds: U16, values: Ints) -> tuple[I64, I64]:
+        """(n,) first slots of symbols in their tables, and slots past the last.
+
+        Args:
+            steps: some steps of the stream.
+            which: (n,) numbers of the symbols' steps.
+            kinds, values: (n,) of the symbols.
 
         Raises:
             InvalidInput: ``input-symbol`` for a value that no table holds.
         """
-        wanted = (kinds.astype(np.int64) << JOINT_BITS) + values + JOINT_ZERO
+        most = max(len(step.components) for step in steps)
+        components = np.array([(*step.components, *[0] * (most - len(step.components))) for step in steps])
+        step = np.array([step.step for step in steps])[which]
+        place = _place(components[which, kinds // CONTEXTS], step, kinds % CONTEXTS)
+        wanted = (place << JOINT_BITS) + values + JOINT_ZERO
         found = np.minimum(np.searchsorted(self._joint, wanted), len(self._joint) - 1)
         if not len(self._joint) or not np.array_equal(self._joint[found], wanted):
             raise InvalidInput("input-symbol", "a value that no table holds", field="symbols")
         return self._first[found], self._past[found]
+
+
+def _place(component: I64 | int, step: I64 | int, context: U16 | int) -> Any:
+    """Orders the tables of a stream as their keys do."""
+    return (component * 256 + step) * CONTEXTS + context
 
 
 class StaticTables(dict[TableKey, SymbolTable]):
@@ -88,14 +102,14 @@ class StaticTables(dict[TableKey, SymbolTable]):
         return tables if isinstance(tables, StaticTables) else cls(tables)
 
     @cached_property
-    def _steps(self) -> dict[StepKey, StepTables]:
+    def _streams(self) -> dict[int, StreamTables]:
         return {}
 
-    def step(self, key: StepKey) -> StepTables:
-        """The tables of a step side by side, made once."""
-        if key not in self._steps:
-            self._steps[key] = StepTables(key, self)
-        return self._steps[key]
+    def stream(self, stream: int) -> StreamTables:
+        """The tables of a stream side by side, made once."""
+        if stream not in self._streams:
+            self._streams[stream] = StreamTables(stream, self)
+        return self._streams[stream]
 
 
 def missing_table(key: TableKey) -> Malformed:
