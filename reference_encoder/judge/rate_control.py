@@ -3,7 +3,7 @@
 The model of errors (docs/decisions/0003) is fitted to scenes that fill the picture. A scene on a black background, or
 one with fewer overlaps, comes out several dB better than asked, in more bytes. So lambda is corrected by what pictures
 of the result show. After a small step nobody looks again: what it does is known better than the views tell
-(docs/decisions/0025-quality-everywhere.md, 0056-encode-in-seconds.md).
+(docs/decisions/0025-quality-everywhere.md, 0057-encode-in-seconds.md).
 """
 
 from __future__ import annotations

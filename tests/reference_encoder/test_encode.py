@@ -106,6 +106,14 @@ def test_what_the_user_annotates_is_kept(scene: GaussianScene) -> None:
     assert inspect(BytesSource(encode(scene, options)), metadata=True)["metadata"]["quality"] == "good"
 
 
+def test_a_draft_is_about_as_good_as_asked(scene: GaussianScene) -> None:
+    """Nothing is corrected, and the file says how good it is with a standard error."""
+    made = encode(scene, EncodeOptions(effort=0, layers=2, quality=40))
+    assert made.quality.mean_db == pytest.approx(40, abs=6)
+    assert 0 < made.quality.error_db < 6
+    assert "±" in made.quality.verdict()
+
+
 def test_worst_asks_for_a_floor(scene: GaussianScene) -> None:
     """The 5th percentile in place of the mean."""
     made = encode(scene, EncodeOptions(effort=1, layers=2, worst=32))
@@ -118,7 +126,8 @@ def test_worst_asks_for_a_floor(scene: GaussianScene) -> None:
     [
         {"quality": 5.0},
         {"worst": 90.0},
-        {"effort": 9},
+        {"effort": 3},
+        {"effort": 0, "cameras": []},
         {"layers": 0},
         {"layers": 17},
         {"tile_anchors": 1023},
