@@ -76,7 +76,7 @@ class NativeFile:
         """The work that the file declares (SPEC §13.2), for (layers,) tiles that have anchors after each layer, anchors
         and splits of nodes; -1 where networks code symbols."""
         counts = np.ascontiguousarray(tiles, np.int64)
-        return float(self._scar.library.scar_work(self._scar.at, counts.ctypes.data, anchors, splits))
+        return float(self._scar.calls.scar_work(self._scar.at, counts.ctypes.data, anchors, splits))
 
     @cached_property
     def channels(self) -> list[tuple[Stream, int]]:
@@ -90,7 +90,7 @@ class NativeFile:
         return self._number(_Number.STAGES)
 
     def _number(self, what: _Number, which: int = 0) -> int:
-        return int(self._scar.library.scar_model_number(self._scar.at, int(what), which))
+        return int(self._scar.calls.scar_model_number(self._scar.at, int(what), which))
 
     def tile(
         self, place: Tile, blocks: Sequence[tuple[int, bytes | None]], streams: frozenset[Stream]
@@ -104,14 +104,14 @@ class NativeFile:
         """
         scar = getattr(self._own, "scar", None)
         if scar is None:
-            scar = self._own.scar = _Scar(self._scar.library, self._scar.library.scar_share(self._scar.at), self._scar)
-        tile = scar.library.scar_tile(scar.at, place.depth, place.shift, place.prefix & 0xFFFFFFFF, place.prefix >> 32)
+            scar = self._own.scar = _Scar(self._scar.calls, self._scar.calls.scar_share(self._scar.at), self._scar)
+        tile = scar.calls.scar_tile(scar.at, place.depth, place.shift, place.prefix & 0xFFFFFFFF, place.prefix >> 32)
         bits = sum(1 << int(stream) for stream in streams)
         for count, payload in blocks:
             if not tile:
                 return None
             data = b"" if payload is None else payload
-            tile = scar.library.scar_advance(scar.at, tile, data, len(data), count, bits)
+            tile = scar.calls.scar_advance(scar.at, tile, data, len(data), count, bits)
         return NativeTile(self, scar, tile) if tile else None
 
     def tile_refusal(self) -> str | None:
@@ -129,13 +129,13 @@ class NativeTile:
 
     def __init__(self, file: NativeFile, scar: _Scar, at: int) -> None:
         self.file, self._scar, self._at = file, scar, at
-        self._count = int(scar.library.scar_tile_count(at))
+        self._count = int(scar.calls.scar_tile_count(at))
 
     def __len__(self) -> int:
         return self._count
 
     def __del__(self) -> None:
-        self._scar.library.scar_release(self._at)
+        self._scar.calls.scar_release(self._at)
 
     def put_numbers(self, what: What, dtype: DTypeLike, out: NDArray[Any], channel: int = 0) -> None:
         """Fill `out`, of the shape that ``scar.h`` gives, with some numbers of the tile; `dtype` is theirs there.
@@ -144,7 +144,7 @@ class NativeTile:
             MemoryError: there is no room for them.
         """
         if out.size:
-            at = self._scar.library.scar_values(self._scar.at, self._at, int(what), channel)
+            at = self._scar.calls.scar_values(self._scar.at, self._at, int(what), channel)
             if not at:
                 raise MemoryError(f"no room for {what.name}")
             there = (ctypes.c_char * (out.size * np.dtype(dtype).itemsize)).from_address(at)
@@ -157,7 +157,7 @@ class NativeTile:
             MemoryError: there is no room to do so.
         """
         arrays = out.positions, out.log_scales, out.rotations, out.opacity_logits, out.sh
-        if self._count and self._scar.library.scar_scene(
+        if self._count and self._scar.calls.scar_scene(
             self._scar.at, self._at, ctypes.byref(SceneRows(*(array.ctypes.data for array in arrays)))
         ):
             raise MemoryError("no room for a tile's values")
@@ -169,13 +169,13 @@ class _Scar:
     def __init__(self, library: ctypes.CDLL, at: int | None, owner: _Scar | None = None) -> None:
         if not at:
             raise MemoryError("no room for a decoder")
-        self.library, self.at, self._owner = library, at, owner
+        self.calls, self.at, self._owner = library, at, owner
 
     def __del__(self) -> None:
         if hasattr(self, "at"):
-            self.library.scar_close(self.at)
+            self.calls.scar_close(self.at)
 
     def refusal(self) -> str | None:
         """The id of the refusal that ended the last call."""
-        found = self.library.scar_refusal(self.at)
+        found = self.calls.scar_refusal(self.at)
         return None if found is None else found.decode()
