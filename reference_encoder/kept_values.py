@@ -38,6 +38,10 @@ _MODULES = {
     f"{_HERE}.types": "Bounds Histograms Measured Models Range RangeSymbols Rows Sample",
     "reference_encoder.rdo.classes": "ClassBounds",
     "reference_encoder.rdo.lattice": "RootCube",
+    "reference_encoder.training.index_entropy": "Lesson",
+    "reference_encoder.training.networks.dataset": "IndexRows",
+    "reference_encoder.training.networks.layers": "NetworkShape",
+    "reference_encoder.training.vq_features": "Coordinates",
     "scarfmt.blocks.mlp": "Linear QuantisedMlp",
     "scarfmt.coding.writer": "RecordedTile",
     "scarfmt.container.directory": "Tile",
@@ -51,7 +55,7 @@ _MODULES = {
     "scarfmt.render.viewpoints": "Upright",
     "scarfmt.scene.description": "Description",
     "scarfmt.scene.gaussians": "GaussianScene",
-    "scarfmt.scene.model": "Channel DecodedContext LayerRow SceneModel",
+    "scarfmt.scene.model": "Channel Codebooks DecodedContext LayerRow SceneModel",
 }
 _RECORDS = {name: module for module, names in _MODULES.items() for name in names.split()}
 """The module of each class that a file may name."""

@@ -13,13 +13,13 @@ indices have none (paper: L_feat trains the predictor). What acts on codewords i
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import astuple, replace
+from dataclasses import astuple, dataclass, replace
 from typing import Any
 
 import numpy as np
 import torch
 
-from reference_encoder.training.networks.dataset import arrange_scene, describe_inputs, index_rows
+from reference_encoder.training.networks.dataset import IndexRows, arrange_scene, describe_inputs, index_rows
 from reference_encoder.training.networks.grid import BinaryGrid, fit_box, hybrid_levels, wave_grid
 from reference_encoder.training.networks.index_training import (
     Examples,
@@ -29,12 +29,47 @@ from reference_encoder.training.networks.index_training import (
     one_thread,
     train,
 )
-from reference_encoder.training.networks.layers import shape_for
+from reference_encoder.training.networks.layers import NetworkShape, shape_for
 from reference_encoder.training.networks.model import export_network
+from reference_encoder.training.optimizer import moments, restore_moments
 from reference_encoder.tuning import CONTEXT, CONTEXT_LATENTS, INDEX_LEARNING_RATE, INDEX_ROWS, LARGEST_BATCH
 from scarfmt.coding.writer import QuantisedScene
 from scarfmt.neural.grid import GridBox, GridLevel
 from scarfmt.neural.network import Inputs
+from scarfmt.scene.model import Codebooks
+
+
+@dataclass(frozen=True)
+class Lesson:
+    """What an index network learns from, until indices are taken again.
+
+    Attributes:
+        rows: codes in the order of clusters.
+        books: in that order.
+        clusters: sizes, of each book.
+        shape: of the network.
+        anchors: of the scene.
+    """
+
+    rows: IndexRows
+    books: Codebooks
+    clusters: tuple[tuple[int, ...], ...]
+    shape: NetworkShape
+    anchors: int
+
+    def begin(self, grid: BinaryGrid | None, classes: int | None, seed: int) -> IndexOptimizer:
+        """A network that knows nothing, and its optimiser.
+
+        Args:
+            grid: learned along with the network.
+            classes: how many inputs, the first, it sees beside the grid; None for all.
+            seed: of its first weights.
+        """
+        features = 0 if grid is None else sum(level.features for level in grid.levels)
+        model = build(self.rows, self.books, self.clusters, self.shape, seed, features)
+        if classes is not None:
+            model.first.theta.data[:, classes : self.rows.inputs.shape[1]] = 0
+        return IndexOptimizer(model, Examples(self.rows, grid), INDEX_LEARNING_RATE)
 
 
 class JointIndexModel:
@@ -50,16 +85,17 @@ class JointIndexModel:
     def __init__(self, paper: bool = False, seed: int = 0) -> None:
         self.paper, self._seed = paper, seed
         self._grid: BinaryGrid | None = None
-        # The scene in the order of clusters, layers neural; the inputs of the network, and the network's optimiser.
-        self._learnt_from: tuple[QuantisedScene, Inputs, IndexOptimizer] | None = None
-        self._parameters: dict[str, torch.Tensor] = {}
+        self._lesson: Lesson | None = None
+        self._descent: IndexOptimizer | None = None
         self._draw = np.random.default_rng(seed)
 
     def state(self) -> dict[str, Any]:
-        """The learnt values in plain values and tensors, for a checkpoint. Averages of Adam are left out."""
-        grid = self._grid
+        """For a checkpoint: what is learnt, and from what."""
+        grid, descent = self._grid, self._descent
         return {
-            "parameters": {name: parameter.detach().clone() for name, parameter in self._parameters.items()},
+            "lesson": self._lesson,
+            "parameters": None if descent is None else descent.model.state_dict(),
+            "moments": None if descent is None else moments(descent.optimiser),
             "draw": self._draw.bit_generator.state,
             "grid": None
             if grid is None
@@ -71,16 +107,19 @@ class JointIndexModel:
         }
 
     def restore(self, state: Mapping[str, Any]) -> None:
-        """Go on from a checkpoint; the next `refresh` brings the indices."""
-        self._learnt_from, self._parameters = None, dict(state["parameters"])
+        """Go on from a checkpoint."""
         self._draw.bit_generator.state = state["draw"]
-        self._grid = None
+        self._lesson, self._descent, self._grid = state["lesson"], None, None
         if state["grid"] is not None:
             *origin, extent_bits = state["grid"]["box"]
             levels = tuple(GridLevel(*level) for level in state["grid"]["levels"])
             self._grid = BinaryGrid(GridBox((origin[0], origin[1], origin[2]), extent_bits), levels)
             for table, values in zip(self._grid.tables, state["grid"]["tables"], strict=True):
                 table.data.copy_(values)
+        if self._lesson is not None:
+            self._descent = self._lesson.begin(self._grid, None, self._seed)
+            self._descent.model.load_state_dict(state["parameters"])
+            restore_moments(self._descent.optimiser, state["moments"])
 
     @property
     def hash_bits(self) -> float:
@@ -96,42 +135,33 @@ class JointIndexModel:
         Args:
             scene: as a file would hold it; nothing happens without indices.
         """
-        if scene.codebooks is None or not scene.model.max_stages:
-            return
-        before, self._learnt_from = self._learnt_from, self._prepare(scene)
-        descent = self._learnt_from[2]
-        for name, parameter in descent.model.named_parameters():
-            known = self._parameters.get(name)
-            if known is not None and known.shape == parameter.shape and not name.endswith("beta"):
-                parameter.data.copy_(known.detach())
-        self._parameters = dict(descent.model.named_parameters())
-        if before is not None and _sizes(before[2].optimiser) == _sizes(descent.optimiser):
-            descent.optimiser.load_state_dict(before[2].optimiser.state_dict())
+        if scene.codebooks is not None and scene.model.max_stages:
+            self._prepare(scene)
 
     def step(self) -> float:
         """One step on a batch of rows; L_feat in bits an anchor of the scene, 0 while there is nothing to learn."""
-        if self._learnt_from is None:
+        if self._lesson is None or self._descent is None:
             return 0.0
-        scene, _, descent = self._learnt_from
-        examples, count = descent.examples, min(LARGEST_BATCH, len(descent.examples))
+        examples = self._descent.examples
+        count = min(LARGEST_BATCH, len(examples))
         chosen = torch.from_numpy(self._draw.integers(0, len(examples), count))
         expected = examples.sent * count / len(examples)
         with one_thread():
-            bits = descent.step(chosen, expected)
-        return bits * examples.sent * examples.scale / max(sum(map(len, scene.contents)), 1)
+            bits = self._descent.step(chosen, expected)
+        return bits * examples.sent * examples.scale / max(self._lesson.anchors, 1)
 
     def finish(self, scene: QuantisedScene) -> QuantisedScene | None:
         """The final scene, as a file would hold it, with the network, trained to its end; None without indices."""
-        self.refresh(scene)
-        if self._learnt_from is None or scene.codebooks is None:
+        if scene.codebooks is None or not scene.model.max_stages:
             return None
-        scene, inputs, descent = self._learnt_from
+        scene, inputs, descent = self._prepare(scene)
         train(descent.model, descent.examples, *last_epochs(len(descent.examples)), self._seed)
         assert scene.codebooks is not None
         network = export_network(descent.model, inputs, scene.codebooks)
         return replace(scene, network=network, grid=scene.grid if self._grid is None else self._grid.export())
 
     def _prepare(self, scene: QuantisedScene) -> tuple[QuantisedScene, Inputs, IndexOptimizer]:
+        """The scene in the order of clusters, layers neural; what the network sees; and its optimiser, from now on."""
         # All indices are to be coded by the network, which the scene does not have yet.
         neural = tuple(replace(row, neural=max(row.stages) > 0) for row in scene.model.layers)
         context = scene.model.context if scene.predictors else CONTEXT
@@ -140,28 +170,38 @@ class JointIndexModel:
         dimension, classes, own = scene.codebooks.dimension, neural[-1].class_count, not self.paper
         latents = min(CONTEXT_LATENTS, dimension) if own else 0
         rows = index_rows(scene, own, latents, INDEX_ROWS, self._seed)
-        features = 0
+        anchors = sum(map(len, scene.contents))
         if own:
             waves = wave_grid(fit_box(rows.positions)[0])
             rows = replace(rows, inputs=np.concatenate([rows.inputs, waves.features(rows.positions)], axis=1))
-            scene = replace(scene, grid=waves)
+            scene, width = replace(scene, grid=waves), waves.width
         else:
             # The file has a decoded context all the same: such inputs are 0 in rows, and their weights have to be.
             rows.inputs[:, classes:] = 0
             if self._grid is None:
                 box, extent = fit_box(rows.positions)
-                levels = hybrid_levels(sum(map(len, scene.contents)), extent)
-                self._grid = BinaryGrid(box, levels, seed=self._seed)
-            features = sum(level.features for level in self._grid.levels)
+                self._grid = BinaryGrid(box, hybrid_levels(anchors, extent), seed=self._seed)
+            width = sum(level.features for level in self._grid.levels)
         scene, rows, sizes = arrange_scene(scene, rows)
         assert scene.codebooks is not None
         indices = sum(int(scene.model.stages(len(neural), content.classes).sum()) for content in scene.contents)
         shape = shape_for(indices, dimension, 2 if self.paper else 1, self.paper)
-        model = build(rows, scene.codebooks, sizes, shape, self._seed, features)
-        if self.paper:
-            model.first.theta.data[:, classes : rows.inputs.shape[1]] = 0
-        inputs = describe_inputs(scene.model, own, latents, features if scene.grid is None else scene.grid.width)
-        return scene, inputs, IndexOptimizer(model, Examples(rows, self._grid), INDEX_LEARNING_RATE)
+        self._lesson = Lesson(rows, scene.codebooks, sizes, shape, anchors)
+        descent = self._lesson.begin(self._grid, classes if self.paper else None, self._seed)
+        if self._descent is not None:
+            _hand_on(self._descent, descent)
+        self._descent = descent
+        return scene, describe_inputs(scene.model, own, latents, width), descent
+
+
+def _hand_on(before: IndexOptimizer, descent: IndexOptimizer) -> None:
+    """Go on with what was learnt, but for biases of codewords."""
+    known = before.model.state_dict()
+    for name, parameter in descent.model.named_parameters():
+        if name in known and known[name].shape == parameter.shape and not name.endswith("beta"):
+            parameter.data.copy_(known[name])
+    if _sizes(before.optimiser) == _sizes(descent.optimiser):
+        restore_moments(descent.optimiser, moments(before.optimiser))
 
 
 def _sizes(optimiser: torch.optim.Optimizer) -> list[list[torch.Size]]:

@@ -26,6 +26,22 @@ def rate_at(rates: Rates, progress: float) -> float:
     return math.exp((1 - t) * math.log(rates[0]) + t * math.log(rates[1]))
 
 
+Moments = list[dict[str, Tensor]]
+"""What an optimiser remembers of each of its parameters, in their order; nothing before its first step."""
+
+
+def moments(optimiser: torch.optim.Optimizer) -> Moments:
+    """Moments for a checkpoint."""
+    known, count = optimiser.state_dict()["state"], sum(len(group["params"]) for group in optimiser.param_groups)
+    return [{key: value.clone() for key, value in known.get(number, {}).items()} for number in range(count)]
+
+
+def restore_moments(optimiser: torch.optim.Optimizer, saved: Moments) -> None:
+    """Take up the moments of an optimiser of the same parameters, which are on the processor."""
+    state = {number: part for number, part in enumerate(saved) if part}
+    optimiser.load_state_dict({"state": state, "param_groups": optimiser.state_dict()["param_groups"]})
+
+
 class AnchorOptimizer:
     """Adam with a learning rate of its own for every named parameter.
 
@@ -65,22 +81,13 @@ class AnchorOptimizer:
         self.parameters[name] = leaf
         return leaf
 
-    def state(self) -> dict[str, dict[str, Tensor]]:
-        """Moments by name, for checkpoints."""
-        out = {}
-        for group in self._optimiser.param_groups:
-            state = self._optimiser.state.get(group["params"][0])
-            if state:
-                out[group["name"]] = {key: torch.as_tensor(value).clone() for key, value in state.items()}
-        return out
+    def state(self) -> Moments:
+        """For checkpoints."""
+        return moments(self._optimiser)
 
-    def load(self, state: dict[str, dict[str, Tensor]]) -> None:
+    def load(self, saved: Moments) -> None:
         """Take up moments from a checkpoint."""
-        for group in self._optimiser.param_groups:
-            if group["name"] in state:
-                leaf = group["params"][0]
-                saved = {key: value.clone().to(leaf.device) for key, value in state[group["name"]].items()}
-                self._optimiser.state[leaf] = saved
+        restore_moments(self._optimiser, saved)
 
 
 class WeightAverage:

@@ -21,6 +21,7 @@ from reference_encoder.training.device import reproducible, run_device
 from reference_encoder.training.evaluate import draw, quality
 from reference_encoder.training.index_entropy import JointIndexModel
 from reference_encoder.training.layers import LayerPlan
+from reference_encoder.training.networks.index_training import one_thread
 from reference_encoder.training.options import (
     LayerQuality,
     Progress,
@@ -183,8 +184,8 @@ class Run:
     def __init__(self, capture: Capture, options: TrainOptions, report: Report) -> None:
         self.report = report
         self.threads = count_threads()
-        torch.set_num_threads(self.threads)
-        self.trainer = make_trainer(capture, options)
+        with one_thread():  # so that a run is taken up on the same lattice, whatever its number of threads
+            self.trainer = make_trainer(capture, options)
         self.clock = Clock(options)
         self.held_out = photos(capture.test, self.trainer.state.device)
         self.psnr: float | None = None

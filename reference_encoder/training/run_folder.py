@@ -106,10 +106,11 @@ def _line(entry: dict[str, Any]) -> bytes:
 
 
 State = dict[str, Any]
-"""Tensors, numbers, texts and None, by name, in dicts and lists as deep as one likes."""
+"""Tensors, numbers, texts, records (:mod:`reference_encoder.kept_values`) and None, by name, in dicts and lists as deep
+as one likes."""
 
 KEPT = 2
-_LAYOUT = 3
+_LAYOUT = 4
 """Which parts a state has: one more whenever those change, so that no training goes on from parts it lacks."""
 _NAME = re.compile(r"checkpoint-(\d{8})\.pt")
 

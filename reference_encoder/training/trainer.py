@@ -186,6 +186,7 @@ class Trainer:
             "order": self.order,
             "decided": [self.decided, self.decided_at],
             "noisy": self.noisy,
+            "indexed": self.indexed,
             "joint": None if self.joint is None else self.joint.state(),
             "averages": self.averaging.state(),
         }
@@ -197,7 +198,7 @@ class Trainer:
             setattr(self.rate_controller, name, list(values))
         self.iteration, self.order = saved["iteration"], list(saved["order"])
         self.decided, self.decided_at = saved["decided"]
-        self.noisy = saved["noisy"]
+        self.noisy, self.indexed = saved["noisy"], saved["indexed"]
         if self.joint is not None:
             self.joint.restore(saved["joint"])
         self.averaging.restore(saved["averages"], self.state.device)

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from torch import Tensor, nn
 
 from reference_encoder.training.codebook import rank_codewords
+from reference_encoder.training.optimizer import moments, restore_moments
 from reference_encoder.training.presets import Moment
 from reference_encoder.training.quantiser import Quantiser
 from reference_encoder.tuning import DECODER_BITS, FINEST_UNIT, LATENT_RANGE, LEAST_GAIN, METRIC_VECTORS
@@ -266,15 +267,18 @@ class VqFeatures:
         return _ECVQ * 2 * math.log(2) / dimension * self.distortion if self.priced else 0.0
 
     def checkpoint(self) -> dict[str, Any]:
-        """For a checkpoint; moments of the optimiser are left out."""
-        flags = {"begun": self.begun, "opened": self.opened, "distortion": self.distortion}
-        return {"quantiser": self.quantiser.state_dict(), "chosen": self._chosen, "turn": self._turn, **flags}
+        """For a checkpoint."""
+        names = ("begun", "opened", "distortion", "coordinates")
+        own = {name: getattr(self, name) for name in names}
+        own |= {"chosen": self._chosen, "turn": self._turn, "moments": moments(self._optimiser)}
+        return own | {"quantiser": self.quantiser.state_dict()}
 
     def resume(self, saved: dict[str, Any]) -> None:
         """Take up a checkpoint."""
         self.quantiser.load_state_dict(saved["quantiser"])
-        self.begun, self.distortion = saved["begun"], saved["distortion"]
+        self.begun, self.distortion, self.coordinates = saved["begun"], saved["distortion"], saved["coordinates"]
         chosen, self._turn = saved["chosen"], saved["turn"]
         self._chosen = None if chosen is None else chosen.to(self.quantiser.uses.device)
         if saved["opened"]:
             self.open()
+        restore_moments(self._optimiser, saved["moments"])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+from copy import deepcopy
 from dataclasses import replace
 
 import numpy as np
@@ -95,14 +96,14 @@ def test_what_was_learnt_is_kept_when_codewords_get_other_numbers(scene: Quantis
 
 
 def test_a_checkpoint_keeps_what_was_learnt(scene: QuantisedScene) -> None:
-    """Grid and all: the first steps after it are no worse than the last before it."""
+    """Grid, moments and all: what follows is the same to the bit."""
     joint, again = (JointIndexModel(paper=True) for _ in range(2))
     joint.refresh(scene)
-    reports = [joint.step() for _ in range(40)]
-    again.restore(joint.state())
-    again.refresh(scene)
+    for _ in range(10):
+        joint.step()
+    again.restore(deepcopy(joint.state()))
     assert again.hash_bits == joint.hash_bits
-    assert again.step() < 0.5 * (reports[0] + reports[-1])
+    assert [again.step() for _ in range(5)] == [joint.step() for _ in range(5)]
 
 
 def _turned(scene: QuantisedScene, content: TileContent) -> np.ndarray:
