@@ -2,14 +2,10 @@
 
 from __future__ import annotations
 
-import json
-import shutil
 from pathlib import Path
 
 from release.archives import settle_tar
 from release.tree import Tree
-
-_TEXTS = ("LICENSE", "NOTICE")
 
 
 def build_web(tree: Tree, tools: Path) -> None:
@@ -27,14 +23,8 @@ def build_web(tree: Tree, tools: Path) -> None:
 
 def pack_npm(tree: Tree, out: Path) -> Path:
     """Write `scar-stream-VERSION.tgz` into a folder, once `build_web` has built it."""
-    web = tree.folder / "web"
-    described = json.loads((web / "package.json").read_text(encoding="utf-8"))
-    named = {"name": described["name"], "version": tree.version()}
-    (web / "package.json").write_text(json.dumps(named | described, indent=2) + "\n", encoding="utf-8")
-    for name in _TEXTS:
-        shutil.copyfile(tree.folder / name, web / name)
     tree.run(["npm", "pack", "--silent", "--pack-destination", out], "web")
-    packed = out / f"{described['name']}-{tree.version()}.tgz"
+    packed = out / f"scar-stream-{tree.version()}.tgz"
     # npm keeps the modes of what was written here, and those depend on who builds.
     settle_tar(packed, tree.epoch)
     return packed

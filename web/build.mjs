@@ -8,7 +8,7 @@ const ROOT = import.meta.dirname;
 /** What tests and people run, beside the tests. */
 const PROGRAMS = [
   ...["conformance.ts", "dump.ts", "node_worker.ts", "shot.ts", "shot_playcanvas.ts"],
-  ...["page.browser.ts", "page_trouble.browser.ts", "playcanvas.browser.ts"],
+  ...["bundlers.browser.ts", "page.browser.ts", "page_trouble.browser.ts", "playcanvas.browser.ts"],
 ];
 const COMMON = {
   absWorkingDir: ROOT,
@@ -18,23 +18,26 @@ const COMMON = {
   logLevel: "warning",
   legalComments: "none",
 };
+const PACKED = { outdir: "dist", minify: true, sourcemap: true, platform: "browser" };
 
 rmSync(`${ROOT}/dist`, { recursive: true, force: true });
 await build({
   ...COMMON,
   entryPoints: {
     "scar-stream": "src/index.ts",
+    viewer: "src/viewer/viewer.ts",
+    element: "src/viewer/element.ts",
+    three: "src/adapters/three.ts",
     spark: "src/adapters/spark.ts",
     playcanvas: "src/adapters/playcanvas.ts",
-    worker: "src/decoder/worker.ts",
   },
-  outdir: "dist",
+  ...PACKED,
+  // Of whoever uses the package: two copies of three.js do not work together.
   external: ["three", "@sparkjsdev/spark", "playcanvas"],
   splitting: true,
-  minify: true,
-  sourcemap: true,
-  platform: "browser",
 });
+// In one file, so that who copies it need not copy others.
+await build({ ...COMMON, ...PACKED, entryPoints: { worker: "src/decoder/worker.ts" } });
 execFileSync(`${ROOT}/build_wasm.sh`, [`${ROOT}/dist/scar.wasm`], { stdio: "inherit" });
 const tests = readdirSync(`${ROOT}/test`).filter((name) => name.endsWith(".test.ts"));
 await build({
@@ -43,6 +46,6 @@ await build({
   outdir: "dist/tests",
   outExtension: { ".js": ".mjs" },
   sourcemap: "inline",
-  external: ["puppeteer-core"],
+  external: ["esbuild", "puppeteer-core", "vite", "webpack"],
   platform: "node",
 });

@@ -43,7 +43,7 @@ function imported(outputs, path, later) {
 function writePage({ outputs }) {
   const named = (name) => Object.keys(outputs).find((path) => path.endsWith(`/${name}`));
   const drawing = Object.keys(outputs).find((path) => /\/drawing-\w+\.js$/.test(path));
-  const scripts = new Set([...imported(outputs, named("viewer.js")), ...imported(outputs, drawing)]);
+  const scripts = new Set([...imported(outputs, named("page.js")), ...imported(outputs, drawing)]);
   const links = [...scripts].map((path) => `<link rel="modulepreload" href="${path.split("/").pop()}" />`);
   if (existsSync(`${PAGE}/${SPARK_MODULE}`)) {
     links.push(`<link rel="preload" as="fetch" type="application/wasm" crossorigin href="${SPARK_MODULE}" />`);
@@ -62,7 +62,7 @@ const { metafile } = await build({
   platform: "browser",
   logLevel: "warning",
   legalComments: "none",
-  entryPoints: { viewer: "viewer/viewer.ts", worker: "src/decoder/worker.ts" },
+  entryPoints: { page: "viewer/page.ts", worker: "src/decoder/worker.ts" },
   outdir: PAGE,
   splitting: true,
   minify: true,

@@ -8,10 +8,14 @@ import re
 import subprocess
 from pathlib import Path
 
+import scarfmt
+
 MOST_GZIPPED = 36_000
 """Bytes of what a page loads before it decodes."""
 MOST_OF_AN_ADAPTER = 8_000
 """Bytes of what an adapter adds to the stream."""
+MOST_OF_A_VIEWER = 40_000
+"""Bytes of viewer, element, stream, adapter and worker together: all but three.js, Spark and the module."""
 MOST_OF_A_WORKER = 10_000
 """Bytes of the script that a worker loads beside the module."""
 MOST_OF_THE_MODULE = 80_000
@@ -31,6 +35,7 @@ def test_it_depends_on_nothing(web: Path) -> None:
     """Packages that build and check it have exact versions. A user of the package needs no other, an adapter only its
     viewer."""
     package = json.loads((web / "package.json").read_text())
+    assert package["version"] == scarfmt.__version__
     assert package.keys().isdisjoint({"dependencies", "optionalDependencies"})
     assert {name: {"optional": True} for name in package["peerDependencies"]} == package["peerDependenciesMeta"]
     assert all(version[0].isdigit() for version in package["devDependencies"].values())
@@ -56,7 +61,10 @@ def test_it_is_small(web: Path) -> None:
     dist = web / "dist"
     stream = _loaded(dist, "scar-stream.js")
     assert _gzipped(dist, stream) <= MOST_GZIPPED
+    (drawing,) = (path.name for path in dist.glob("drawing-*.js"))
+    whole = set().union(*(_loaded(dist, name) for name in ("element.js", drawing, "worker.js")))
+    assert _gzipped(dist, whole) <= MOST_OF_A_VIEWER
     assert _gzipped(dist, _loaded(dist, "worker.js")) <= MOST_OF_A_WORKER
     assert _gzipped(dist, {"scar.wasm"}) <= MOST_OF_THE_MODULE
-    for adapter in ("spark.js", "playcanvas.js"):
+    for adapter in ("spark.js", "three.js", "playcanvas.js"):
         assert _gzipped(dist, _loaded(dist, adapter) - stream) <= MOST_OF_AN_ADAPTER

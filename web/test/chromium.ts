@@ -50,7 +50,7 @@ export async function message(page: Page): Promise<string> {
 
 /** Without buttons and panels, so that a picture is the scene alone. */
 export async function bare(page: Page): Promise<void> {
-  await page.addStyleTag({ content: "nav, aside, #message { display: none !important }" });
+  await page.addStyleTag({ content: "nav, aside, #message, #loading { display: none !important }" });
 }
 
 /** Share of the pixels that are brighter than black. */

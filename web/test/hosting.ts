@@ -12,9 +12,11 @@ const TYPES: Record<string, string> = {
   wasm: "application/wasm",
 };
 
-/** Of the files that were asked for, by name; what is awaited before one is sent. */
 export interface Host {
+  /** Files that were asked for, by name, and those of them that are not there. */
   asked: string[];
+  missing?: string[];
+  /** What is awaited before one is sent. */
   before?: (name: string) => Promise<void>;
 }
 
@@ -46,6 +48,7 @@ export async function hosting(
     await host.before?.(name);
     const file = new URL(name, folder);
     const found = existsSync(file);
+    if (!found) host.missing?.push(name);
     const type = TYPES[name.split(".").pop() ?? ""] ?? "text/plain";
     response.writeHead(found ? 200 : 404, { "Content-Type": type }).end(found ? readFileSync(file) : "");
   });

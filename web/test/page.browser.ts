@@ -3,11 +3,18 @@
 import assert from "node:assert/strict";
 import { describe, it } from "node:test";
 import { lit, until } from "./chromium.js";
-import type { ScarStream } from "../src/stream/scar_stream.js";
+import type { Viewer } from "../src/viewer/viewer.js";
 import { sharedBrowser } from "./shared_browser.js";
 import { bytes, complete, untilComplete, viewingIn } from "./viewing.js";
 
 const viewing = viewingIn(sharedBrowser());
+
+/** `viewer` in the page is its first. */
+const withViewer = {
+  before: () => {
+    document.addEventListener("scar-viewer", (event) => Object.assign(window, { viewer: (event as CustomEvent).detail }));
+  },
+};
 
 describe("the viewer page", () => {
   it("draws a scene, all layers of it, and asks no one else for anything", async () => {
@@ -47,6 +54,47 @@ describe("the viewer page", () => {
       await page.waitForFunction("document.querySelectorAll('canvas').length === 1", { polling: 100 });
       await untilComplete(page, 5);
     });
+  });
+
+  it("goes to views, turns by itself until someone takes hold of it, and comes back", async () => {
+    await viewing(async (page) => {
+      await until(page, "still");
+      const eye = () => page.evaluate("viewer.view.position.join()");
+      const home = await eye();
+      await page.keyboard.press("v");
+      assert.notEqual(await eye(), home);
+      await page.keyboard.press("t");
+      await page.waitForFunction("viewer.autoRotate && viewer.state === 'drawing'", { polling: 100 });
+      await page.mouse.click(240, 180);
+      await until(page, "still");
+      await page.keyboard.press("r");
+      assert.equal(await eye(), home);
+    }, withViewer);
+  });
+
+  it("has help, another background, a picture to save, and nothing but the scene where that is wished", async () => {
+    await viewing(
+      async (page) => {
+        await until(page, "still");
+        await page.keyboard.press("?");
+        assert.equal(await page.$eval("#keys", (keys) => (keys as HTMLDialogElement).open), true);
+        await page.keyboard.press("Escape");
+        assert.equal(await page.$eval("#keys", (keys) => (keys as HTMLDialogElement).open), false);
+        assert.equal(await page.$eval("#tools", (tools) => getComputedStyle(tools).display), "none");
+        await page.keyboard.press("b");
+        await page.keyboard.press("b");
+        const [type, corner] = (await page.evaluate(`(async () => {
+          const blob = await viewer.screenshot({ width: 64, height: 48 });
+          const picture = await createImageBitmap(blob);
+          const context = new OffscreenCanvas(64, 48).getContext("2d");
+          context.drawImage(picture, 0, 0);
+          return [blob.type + picture.width, [...context.getImageData(0, 0, 1, 1).data].join()];
+        })()`)) as [string, string];
+        assert.equal(type, "image/png64");
+        assert.equal(corner, "255,255,255,255");
+      },
+      { query: "url=/scene.scar&noui", ...withViewer },
+    );
   });
 
   it("shows a link that is dropped on it", async () => {
@@ -91,16 +139,13 @@ describe("a page that loads", () => {
 });
 
 describe("what a page takes", () => {
-  /** Notes the most memory that streams have said they use. */
+  /** Notes the most memory that viewers have said they use. */
   const watchMemory = () => {
-    const seen = { most: 0, evicted: 0 };
+    const seen = { most: 0 };
     Object.assign(window, { seen });
-    document.addEventListener("scar-stream", (event) => {
-      const stream = (event as CustomEvent<ScarStream>).detail;
-      const look = () => (seen.most = Math.max(seen.most, stream.stats().memory));
-      stream.on("tile", look);
-      stream.on("progress", look);
-      stream.on("evict", () => seen.evicted++);
+    document.addEventListener("scar-viewer", (event) => {
+      const viewer = (event as CustomEvent<Viewer>).detail;
+      viewer.on("frame", () => (seen.most = Math.max(seen.most, viewer.stats()?.memory ?? 0)));
     });
   };
 

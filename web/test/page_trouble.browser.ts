@@ -62,6 +62,58 @@ describe("the viewer page in trouble", () => {
     );
   });
 
+  it("says at once what cannot be reached, while it tries again, and shows the scene once it can", async () => {
+    let down = true;
+    await viewing(
+      async (page) => {
+        assert.match(await message(page), /cannot load .*scene.scar: the server answers 503.*Trying again/);
+        assert.equal(await page.evaluate("document.body.dataset.state"), "loading");
+        assert.equal(await page.evaluate("document.querySelector('.panel').hidden"), true);
+        down = false;
+        await untilComplete(page, 5);
+        assert.equal(await page.evaluate("document.getElementById('message').hidden"), true);
+      },
+      {
+        prepare: (server) => {
+          server.trick = (_, response) => {
+            if (down) response.writeHead(503).end();
+            return down;
+          };
+        },
+      },
+    );
+  });
+
+  it("says what is not there, and tries again when asked to", async () => {
+    let absent = true;
+    await viewing(
+      async (page) => {
+        await until(page, "failed");
+        assert.match(await message(page), /the server answers 404/);
+        absent = false;
+        await page.click("#again");
+        await untilComplete(page, 5);
+      },
+      {
+        prepare: (server) => {
+          server.trick = (_, response) => {
+            if (absent) response.writeHead(404).end();
+            return absent;
+          };
+        },
+      },
+    );
+  });
+
+  it("says whom it waits for", async () => {
+    await viewing(
+      async (page) => {
+        await page.waitForFunction("document.getElementById('loading').textContent.startsWith('Waiting for 127.0.0.1')", { polling: 100 });
+      },
+      { prepare: (server) => (server.trick = () => true) },
+    );
+  });
+
   it("says what is no scene", async () => {
     await viewing(
       async (page) => assert.match(await message(page), /signature|not a .scar/),

@@ -1,6 +1,6 @@
 /** What is told of a scene: a line for each layer, how many layers are wanted, and sums. */
 
-import type { Showing } from "./showing.js";
+import type { Viewer } from "../src/viewer/viewer.js";
 
 const NUMBER = new Intl.NumberFormat("en");
 
@@ -12,9 +12,13 @@ export class Panel {
   readonly #sum = document.createElement("p");
   #rows: { row: HTMLTableRowElement; bar: HTMLElement; time: HTMLTableCellElement }[] = [];
 
-  constructor(private readonly showing: Showing) {
+  constructor(
+    private readonly viewer: Viewer,
+    name: string,
+  ) {
     this.element.className = "panel";
-    this.#title.textContent = this.#title.title = showing.name;
+    this.element.hidden = true;
+    this.#title.textContent = this.#title.title = name;
     const table = document.createElement("table");
     table.append(this.#table);
     this.#sum.className = "sum";
@@ -25,20 +29,21 @@ export class Panel {
 
   /** Asks for so many layers. */
   wish(layers: number): void {
-    const most = this.showing.front?.layers.length ?? layers;
+    const most = this.viewer.front?.layers.length ?? Infinity;
     const wanted = Math.min(Math.max(layers, 1), most);
     this.#slider.value = String(wanted);
-    if (wanted !== Math.min(this.showing.wish.layers, most)) this.showing.wishLayers(wanted);
+    if (wanted !== Math.min(this.viewer.layers, most)) this.viewer.layers = layers < most ? wanted : Infinity;
     this.update();
   }
 
   /** Lines for the layers of a front that has just been read. */
   build(): void {
-    const { front, wish } = this.showing;
+    const { front, layers: wished } = this.viewer;
     if (front === null) return;
     const layers = front.layers.length;
+    this.element.hidden = false;
     this.#slider.max = String(layers);
-    this.#slider.value = String(Math.min(wish.layers, layers));
+    this.#slider.value = String(Math.min(wished, layers));
     this.#slider.hidden = layers < 2;
     this.#rows = front.layers.map((layer, i) => {
       const row = document.createElement("tr");
@@ -50,19 +55,22 @@ export class Panel {
   }
 
   update(): void {
-    const { front, wish, done } = this.showing;
-    if (front === null) return;
-    const { tilesAtLayer, layerAt, bytesRead, splatsShown, decodeMs } = this.showing.stats();
+    const { front, layers, state } = this.viewer;
+    const stats = this.viewer.stats();
+    if (front === null || stats === null) return;
+    const { tilesAtLayer, layerAt, bytesRead, splatsShown, decodeMs, framesPerSecond } = stats;
     this.#rows.forEach(({ row, bar, time }, i) => {
       const share = front.index.tiles === 0 ? 1 : (tilesAtLayer[i] ?? 0) / front.index.tiles;
       bar.style.width = `${100 * share}%`;
       row.classList.toggle("complete", share === 1);
-      row.classList.toggle("left-out", i >= wish.layers);
+      row.classList.toggle("left-out", i >= layers);
       const at = layerAt[i];
       time.textContent = at == null ? "" : `${(at / 1000).toFixed(2)} s`;
     });
-    const state = done ? "" : " …";
-    this.#sum.textContent = `${NUMBER.format(splatsShown)} Gaussians, ${bytes(bytesRead)} read, ${(decodeMs / 1000).toFixed(1)} s decoding${state}`;
+    const rate = framesPerSecond > 0 ? `, ${Math.round(framesPerSecond)} frames/s` : "";
+    const more = state === "reading" ? " …" : "";
+    const read = `${bytes(bytesRead)} read, ${(decodeMs / 1000).toFixed(1)} s decoding${more}`;
+    this.#sum.textContent = `${NUMBER.format(splatsShown)} Gaussians${rate}, ${read}`;
   }
 }
 

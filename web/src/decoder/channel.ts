@@ -1,6 +1,7 @@
 /** Ways to a decoder: a worker of a browser, or the calling thread. */
 
 import { answer, type Beginning, type Reply, type Request } from "./protocol.js";
+import { makeWorker } from "./files.js";
 import { sharedModule } from "./shared_module.js";
 import { WasmDecoder } from "./wasm.js";
 
@@ -42,7 +43,7 @@ export function prepareWorkers(count: number): void {
 }
 
 function startWorker(): Started {
-  const worker = new Worker(new URL("./worker.js", import.meta.url), { type: "module" });
+  const worker = makeWorker();
   const begun = sharedModule().then((module) => worker.postMessage({ module } satisfies Beginning));
   return { worker, begun };
 }

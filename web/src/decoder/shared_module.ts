@@ -1,7 +1,7 @@
 /** The WebAssembly module of decoders: compiled once on a page, however many workers and streams it has. */
 
-/** Lies beside the scripts, whichever of them this is built into. */
-const BESIDE = () => new URL("./scar.wasm", import.meta.url);
+import { moduleUrl } from "./files.js";
+
 /** A module of one function that uses a vector. */
 const WITH_SIMD = Uint8Array.from([
   ...[0, 97, 115, 109, 1, 0, 0, 0, 1, 5, 1, 96, 0, 1, 123, 3, 2, 1, 0, 10, 10, 1, 8, 0, 65, 0, 253, 15, 253, 98, 11],
@@ -12,7 +12,7 @@ const WITH_SIMD = Uint8Array.from([
  * @param from where scar.wasm lies: beside this script unless given
  * @throws Error where it cannot be fetched, or the browser lacks WebAssembly with SIMD
  */
-export async function loadModule(from: string | URL = BESIDE()): Promise<WebAssembly.Module> {
+export async function loadModule(from: string | URL = moduleUrl()): Promise<WebAssembly.Module> {
   if (typeof WebAssembly === "undefined" || !WebAssembly.validate(WITH_SIMD)) {
     throw new Error("this browser has no WebAssembly with SIMD, which decoding needs: Chrome 91, Firefox 89 and Safari 16.4 have it");
   }

@@ -1,7 +1,7 @@
 /** Ranges of a file on a server: single ranges, one file throughout, no ranges where there are none. */
 
 import { Deadline } from "./deadline.js";
-import { asStreamError, StreamError } from "./errors.js";
+import { StreamError } from "./errors.js";
 import type { Body, ByteSource } from "./source.js";
 
 export interface HttpOptions {
@@ -74,7 +74,7 @@ export class HttpSource implements ByteSource {
     const source = this.name;
     const place = { source, status, offset };
     if (status !== 206 && status !== 200) {
-      throw new StreamError("http-status", `the server answers ${status} ${response.statusText}`.trim(), place);
+      throw new StreamError("http-status", `cannot load ${this.url}: the server answers ${status} ${response.statusText}`.trim(), place);
     }
     this.#checkVersion(response, offset);
     if (status === 200) return this.#acceptWhole(response, offset);
@@ -143,13 +143,9 @@ export class HttpSource implements ByteSource {
   #explained(error: unknown, signal: AbortSignal, offset: number | null): unknown {
     if (signal.aborted) return signal.reason;
     if (error instanceof StreamError) return error;
-    const wrapped = asStreamError(error, { source: this.name, offset });
-    const hint = isSameOrigin(this.url) ? "" : "; of another origin, it must allow this page by CORS";
-    return new StreamError("network", `no connection to the server (${wrapped.message})${hint}`, {
-      source: this.name,
-      offset,
-      cause: error,
-    });
+    const or = isSameOrigin(this.url) ? "" : ", or does not allow this page to read it (CORS)";
+    const message = `cannot load ${this.url}: the server does not answer${or}`;
+    return new StreamError("network", message, { source: this.name, offset, cause: error });
   }
 }
 

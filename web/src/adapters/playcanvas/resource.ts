@@ -13,6 +13,7 @@ import type { PackedTile } from "../../decoder/types.js";
 import { placesFor } from "../../pack/places.js";
 import type { Budgets, Camera } from "../../plan/types.js";
 import type { Front } from "../../format/directory.js";
+import { Looking } from "../../stream/looking.js";
 import type { ScarStream } from "../../stream/scar_stream.js";
 import { ScarSplats } from "./splats.js";
 
@@ -32,7 +33,7 @@ export class ScarResource extends ScarSplats {
   /** The camera whose view decides what is fetched; the first of the app where null. */
   camera: CameraComponent | null = null;
   readonly #off: (() => void)[];
-  #told: Camera | null = null;
+  readonly #looking = new Looking((view) => this.stream.setView(view));
   #lookedAt = -Infinity;
   #uploadedAt = -Infinity;
   /** Since when something that was uploaded is to be copied, null where nothing is. */
@@ -111,19 +112,12 @@ export class ScarResource extends ScarSplats {
 
   /** Tells the stream where the camera is, if that has changed. */
   #look(now: number): void {
-    const seconds = (now - this.#lookedAt) / 1000;
     this.#lookedAt = now;
     const [component] = this.#components();
     const camera = this.camera ?? this.app.systems.camera?.cameras[0];
     if (component === undefined || !camera) return;
     const { width, height } = this.app.graphicsDevice;
-    const view = viewOf(camera, component.entity, width, height);
-    const before = this.#told?.position ?? view.position;
-    const velocity = view.position.map((x, axis) => (x - before[axis]) / seconds) as Camera["velocity"];
-    const told = { ...view, velocity };
-    if (JSON.stringify(told) === JSON.stringify(this.#told)) return;
-    this.#told = told;
-    this.stream.setView(told);
+    this.#looking.look(viewOf(camera, component.entity, width, height));
   }
 }
 

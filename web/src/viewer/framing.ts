@@ -1,14 +1,14 @@
 /** Where to look from before anyone has moved: the view that the file names, or one that shows its middle. */
 
-import type { Front } from "../src/format/directory.js";
-import type { Streaming } from "../src/format/streaming.js";
-import type { Camera } from "../src/plan/types.js";
+import type { Front } from "../format/directory.js";
+import type { Camera } from "../plan/types.js";
 
-export interface Frame {
+/** A place to look from. */
+export interface View {
   position: [number, number, number];
   target: [number, number, number];
   up: [number, number, number];
-  /** Vertical field of view, radians. */
+  /** Field of view across the shorter side of the picture, radians: vertical in one that is wider than high. */
   fovY: number;
 }
 
@@ -24,31 +24,14 @@ export const UPWARD: readonly [number, number, number][] = [
 const FRAME_RUB = 2;
 const FIELD = (50 * Math.PI) / 180;
 const ELEVATION = (20 * Math.PI) / 180;
+/** As high as a camera can look down from that has a direction that is up. */
+const STEEP = (85 * Math.PI) / 180;
 /** Share of the Gaussians that the middle of a scene has, per axis: what is far away is sky and walls. */
 const CORE = 0.8;
 
-const NUMBERS = 10;
-
-/** The view that the part of an address behind # names, null if none: position, target, up, degrees of field. */
-export function namedView(hash: string): Frame | null {
-  const said = new URLSearchParams(hash.replace(/^#/, "")).get("view");
-  const numbers = (said ?? "").split(",").map((text) => (text.trim() === "" ? NaN : Number(text)));
-  if (numbers.length !== NUMBERS || !numbers.every(Number.isFinite)) return null;
-  const [px, py, pz, tx, ty, tz, ux, uy, uz, field] = numbers;
-  if (!(field > 0 && field < 180) || Math.hypot(ux, uy, uz) === 0) return null;
-  return { position: [px, py, pz], target: [tx, ty, tz], up: [ux, uy, uz], fovY: (field * Math.PI) / 180 };
-}
-
-/** The opposite, short enough for a message and exact enough for a picture. */
-export function viewName({ position, target, up, fovY }: Frame): string {
-  const numbers = [...position, ...target, ...up, (fovY * 180) / Math.PI];
-  return `#view=${numbers.map((x) => Number(x.toPrecision(7))).join(",")}`;
-}
-
-/** The view that a STREAMING block names (SPEC §7.13), null if none. */
-export function viewOfFile(streaming: Streaming): Frame | null {
-  if (streaming.view === null) return null;
-  const [px, py, pz, tx, ty, tz, ux, uy, uz, fovY] = streaming.view;
+/** The view that a file begins with, as its block STREAMING has it (SPEC §7.13). */
+export function viewOfFile(numbers: number[]): View {
+  const [px, py, pz, tx, ty, tz, ux, uy, uz, fovY] = numbers;
   return { position: [px, py, pz], target: [tx, ty, tz], up: [ux, uy, uz], fovY };
 }
 
@@ -58,7 +41,7 @@ export function verticalField(field: number, width: number, height: number): num
 }
 
 /** A view as planners want it, for a picture of so many pixels, before there is anything that draws it. */
-export function cameraOf({ position, target, up, fovY }: Frame, width: number, height: number): Camera {
+export function cameraOf({ position, target, up, fovY }: View, width: number, height: number): Camera {
   const forward = unit([0, 1, 2].map((i) => target[i] - position[i]));
   const along = forward.reduce((sum, x, i) => sum + x * up[i], 0);
   const upright = unit(up.map((x, i) => x - along * forward[i]));
@@ -70,21 +53,31 @@ function unit(vector: number[]): [number, number, number] {
   return vector.map((x) => x / length) as [number, number, number];
 }
 
-/** A view from outside onto the middle of the scene. */
-export function outsideView({ header, index }: Front): Frame {
+/**
+ * A view from outside onto the middle of the scene.
+ * @param azimuth, elevation of the eye, radians
+ */
+export function outsideView({ header, index }: Front, azimuth = 0, elevation = ELEVATION): View {
   const up = UPWARD[header.coordinate_frame === FRAME_RUB ? 1 : 0];
   const counts = Float64Array.from({ length: index.tiles }, (_, tile) => {
     return index.counts.subarray(tile * index.layers, (tile + 1) * index.layers).reduce((a, b) => a + b, 0);
   });
   const spans = [0, 1, 2].map((axis) => core(index.boxes, counts, axis));
-  const target = spans.map(([low, high]) => (low + high) / 2) as Frame["target"];
+  const target = spans.map(([low, high]) => (low + high) / 2) as View["target"];
   const extent = Math.hypot(...spans.map(([low, high]) => (high - low) / 2)) || 1;
   const distance = extent / Math.sin(FIELD / 2);
   // Level direction towards the eye: against z, which is forward in RDF and backward in RUB.
   const back = up[1] > 0 ? 1 : -1;
-  const level = [0, 0, back * Math.cos(ELEVATION)];
-  const position = target.map((x, i) => x + distance * (level[i] + up[i] * Math.sin(ELEVATION))) as Frame["position"];
+  const level = [Math.sin(azimuth), 0, back * Math.cos(azimuth)];
+  const away = level.map((x, i) => x * Math.cos(elevation) + up[i] * Math.sin(elevation));
+  const position = target.map((x, i) => x + distance * away[i]) as View["position"];
   return { position, target, up: [...up], fovY: FIELD };
+}
+
+/** Views from all sides, by name. */
+export function sideViews(front: Front): Record<string, View> {
+  const side = (quarters: number) => outsideView(front, (quarters * Math.PI) / 2);
+  return { front: side(0), right: side(1), back: side(2), left: side(3), above: outsideView(front, 0, STEEP) };
 }
 
 /** Ends of the middle of the tiles' centres along an axis, each tile weighing as many Gaussians as it has. */

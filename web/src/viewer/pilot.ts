@@ -3,8 +3,7 @@
 import * as THREE from "three";
 import { OrbitControls } from "three/addons/controls/OrbitControls.js";
 
-import type { Camera } from "../src/plan/types.js";
-import { type Frame, verticalField } from "./framing.js";
+import { type View, verticalField } from "./framing.js";
 
 /** Directions of flight, in the axes of the camera: right, up, back. */
 const FLIGHT: Record<string, [number, number, number]> = {
@@ -37,12 +36,10 @@ export class Pilot {
   moved = false;
   #controls: OrbitControls;
   readonly #held = new Set<string>();
-  /** Field of view across the shorter side of the picture, radians. */
+  /** As a view has it. */
   #field = 1;
   #fast = false;
   #at = 0;
-  readonly #before = new THREE.Vector3();
-  #velocity = new THREE.Vector3();
 
   /**
    * @param surface what is dragged on, and has the focus for keys
@@ -52,30 +49,44 @@ export class Pilot {
     private readonly surface: HTMLElement,
     private readonly onMove: () => void,
   ) {
-    this.#controls = this.#makeControls(new THREE.Vector3());
+    this.#controls = this.#makeControls();
     surface.addEventListener("keydown", (event) => this.#press(event, true));
     surface.addEventListener("keyup", (event) => this.#press(event, false));
     surface.addEventListener("blur", () => this.#held.clear());
   }
 
   /** Goes to a view at once. */
-  place({ position, target, up, fovY }: Frame): void {
+  place({ position, target, up, fovY }: View): void {
+    const turned = !this.camera.up.equals(new THREE.Vector3(...up));
     this.camera.up.set(...up);
-    this.camera.position.set(...position);
     this.#field = fovY;
     this.moved = false;
     // OrbitControls takes the direction that is up when it is made.
-    this.#controls.dispose();
-    this.#controls = this.#makeControls(new THREE.Vector3(...target));
-    this.#before.copy(this.camera.position);
+    if (turned) {
+      this.#controls.dispose();
+      this.#controls = this.#makeControls();
+    }
+    this.#stop();
+    this.camera.position.set(...position);
+    this.#controls.target.set(...target);
     this.camera.near = Math.min(NEAR.length, NEAR.share * this.camera.position.distanceTo(this.#controls.target));
     this.camera.far = FAR * this.camera.near;
     this.#controls.update();
     this.onMove();
   }
 
+  /** Turns slowly round what is looked at, until someone takes hold of it. */
+  get autoRotate(): boolean {
+    return this.#controls.autoRotate;
+  }
+
+  set autoRotate(turns: boolean) {
+    this.#controls.autoRotate = turns;
+    this.onMove();
+  }
+
   /** Where the eye is now. */
-  frame(): Frame {
+  view(): View {
     const { position, up } = this.camera;
     const target = this.#controls.target.toArray();
     return { position: position.toArray(), target, up: up.toArray(), fovY: this.#field };
@@ -97,8 +108,6 @@ export class Pilot {
     const changed = this.#controls.update(seconds) || flies;
     if (!flies) this.#rest(position, quaternion);
     this.camera.updateMatrixWorld();
-    this.#velocity.copy(this.camera.position).sub(this.#before).divideScalar(seconds);
-    this.#before.copy(this.camera.position);
     return changed;
   }
 
@@ -113,30 +122,27 @@ export class Pilot {
     this.camera.quaternion.copy(quaternion);
   }
 
-  /** The view as a planner wants it, for a picture of so many pixels. */
-  view(width: number, height: number): Camera {
-    const { position, fov } = this.camera;
-    const forward = this.camera.getWorldDirection(new THREE.Vector3());
-    const up = new THREE.Vector3(0, 1, 0).applyQuaternion(this.camera.quaternion);
-    return {
-      position: position.toArray(),
-      forward: forward.toArray(),
-      up: up.toArray(),
-      fovY: (fov * Math.PI) / 180,
-      width,
-      height,
-      velocity: this.#velocity.toArray(),
-    };
+  dispose(): void {
+    this.#controls.dispose();
   }
 
-  #makeControls(target: THREE.Vector3): OrbitControls {
+  /** Ends what a turn has still to run out. */
+  #stop(): void {
+    this.#controls.enableDamping = false;
+    this.#controls.update();
+    this.#controls.enableDamping = true;
+  }
+
+  #makeControls(): OrbitControls {
     const controls = new OrbitControls(this.camera, this.surface);
-    controls.target.copy(target);
     controls.enableDamping = true;
     controls.dampingFactor = 0.15;
     controls.zoomToCursor = true;
     controls.addEventListener("change", this.onMove);
-    controls.addEventListener("start", () => (this.moved = true));
+    controls.addEventListener("start", () => {
+      this.moved = true;
+      controls.autoRotate = false;
+    });
     return controls;
   }
 

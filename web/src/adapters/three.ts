@@ -1,0 +1,175 @@
+/**
+ * A scene as an object of three.js, drawn by Spark: `scene.add(new ScarLoader().load("scene.scar"))`. It streams for the
+ * camera that the scene is rendered with.
+ */
+
+import { SparkRenderer } from "@sparkjsdev/spark";
+import * as THREE from "three";
+
+import type { PackedTile } from "../decoder/types.js";
+import type { Front } from "../format/directory.js";
+import { placesFor } from "../pack/places.js";
+import type { Budgets, Camera } from "../plan/types.js";
+import { Feed, type FeedOptions } from "../stream/feed.js";
+import type { SourceLike } from "../stream/source.js";
+import { drawModel, makeSpark, ScarMesh, ScarSplats } from "./spark.js";
+
+const ALL_DEGREES = 3;
+
+export class ScarScene extends THREE.Group {
+  /** Whether another frame is needed for what has come. */
+  busy = true;
+  /** Called when all of a tile is on the GPU. */
+  onWritten: (words: PackedTile) => void = () => undefined;
+  /** What tells of the scene, and is told how much of it is wanted. */
+  readonly feed: Feed;
+  #renderer: THREE.WebGLRenderer | null = null;
+  #spark: SparkRenderer | null = null;
+  #mesh: ScarMesh | null = null;
+  #degree = ALL_DEGREES;
+  readonly #restart = () => this.feed.restart();
+
+  constructor(source: SourceLike | Feed, options: FeedOptions = {}) {
+    super();
+    this.feed = source instanceof Feed ? source : new Feed(source, options);
+    this.add(this.#makeHook());
+  }
+
+  /** Middle and ends of what the file holds, in the scene's own coordinates; empty before its front is read. */
+  get box(): THREE.Box3 {
+    const box = new THREE.Box3();
+    const { boxes = new Float64Array(0) } = this.feed.front?.index ?? {};
+    for (let i = 0; i < boxes.length; i += 3) box.expandByPoint(new THREE.Vector3().fromArray(boxes, i));
+    return box;
+  }
+
+  /** Degree of harmonics that is drawn. */
+  get shDegree(): number {
+    return this.#degree;
+  }
+
+  set shDegree(degree: number) {
+    this.#degree = degree;
+    this.#mesh?.showDegree(degree);
+  }
+
+  /** Gaussians that the last frame drew. */
+  get splatsDrawn(): number {
+    return this.#spark?.activeSplats ?? 0;
+  }
+
+  override dispose(): void {
+    this.feed.close();
+    this.#renderer?.domElement.removeEventListener("webglcontextrestored", this.#restart);
+    this.#clear();
+    this.removeFromParent();
+  }
+
+  /** Draws nothing, before all else of a frame: three.js tells it what is rendered, and for whom. */
+  #makeHook(): THREE.Mesh {
+    const hook = new THREE.Mesh(new THREE.BufferGeometry(), new THREE.MeshBasicMaterial());
+    hook.frustumCulled = false;
+    hook.renderOrder = -Infinity;
+    hook.onBeforeRender = (renderer, scene, camera) => this.#update(renderer, scene, camera);
+    return hook;
+  }
+
+  #update(renderer: THREE.WebGLRenderer, scene: THREE.Object3D, camera: THREE.Camera): void {
+    if (this.#renderer === null) this.#begin(renderer, scene);
+    this.feed.look(this.#viewOf(renderer, camera));
+    this.busy = this.#mesh?.refresh() ?? false;
+  }
+
+  #begin(renderer: THREE.WebGLRenderer, scene: THREE.Object3D): void {
+    this.#renderer = renderer;
+    // What the GPU took away comes anew: no copy is kept.
+    renderer.domElement.addEventListener("webglcontextrestored", this.#restart);
+    const spark = sparkOf(renderer, scene);
+    this.#spark = spark;
+    this.feed.drawOn({
+      open: (front, budgets) => this.#open(renderer, spark, front, budgets),
+      put: (words) => this.#mesh?.source.put(words),
+      remove: (tile) => this.#mesh?.remove(tile),
+    });
+  }
+
+  #open(renderer: THREE.WebGLRenderer, spark: SparkRenderer, front: Front, budgets: Budgets): void {
+    this.#clear();
+    drawModel(spark, front.header.render_model);
+    const source = new ScarSplats(renderer, placesFor(front, budgets), front.header.sh_degree);
+    source.onWritten = (words) => this.onWritten(words);
+    this.#mesh = new ScarMesh(spark, source);
+    this.#mesh.showDegree(this.#degree);
+    this.add(this.#mesh.mesh);
+  }
+
+  #clear(): void {
+    if (this.#mesh === null) return;
+    this.remove(this.#mesh.mesh);
+    this.#mesh.dispose();
+    this.#mesh = null;
+  }
+
+  /** Where a camera is among the Gaussians. */
+  #viewOf(renderer: THREE.WebGLRenderer, camera: THREE.Camera): Camera {
+    const place = this.matrixWorld.clone().invert().multiply(camera.matrixWorld);
+    const axis = (column: number) => new THREE.Vector3().setFromMatrixColumn(place, column).normalize();
+    const { x: width, y: height } = renderer.getSize(new THREE.Vector2());
+    return {
+      position: new THREE.Vector3().setFromMatrixPosition(place).toArray(),
+      forward: axis(2).negate().toArray(),
+      up: axis(1).toArray(),
+      fovY: 2 * Math.atan(1 / camera.projectionMatrix.elements[5]),
+      width,
+      height,
+    };
+  }
+}
+
+/** Spark of a scene: its own, or one that draws as scenes were trained to look like. */
+function sparkOf(renderer: THREE.WebGLRenderer, scene: THREE.Object3D): SparkRenderer {
+  const found = scene.getObjectsByProperty("type", "Mesh").find((object) => object instanceof SparkRenderer);
+  const spark = (found as SparkRenderer | undefined) ?? makeSpark(renderer);
+  if (found === undefined) scene.add(spark);
+  return spark;
+}
+
+/** Loads as loaders of three.js do. `load` returns the scene at once; `onLoad` has it when its front is read. */
+export class ScarLoader extends THREE.Loader<ScarScene> {
+  constructor(
+    manager?: THREE.LoadingManager,
+    readonly options: FeedOptions = {},
+  ) {
+    super(manager);
+  }
+
+  override load(
+    url: string,
+    onLoad?: (scene: ScarScene) => void,
+    onProgress?: (event: ProgressEvent) => void,
+    onError?: (error: unknown) => void,
+  ): ScarScene {
+    const credentials = this.withCredentials ? "include" : "same-origin";
+    const scene = new ScarScene(this.manager.resolveURL(this.path + url), {
+      headers: this.requestHeader,
+      credentials,
+      ...this.options,
+    });
+    this.manager.itemStart(url);
+    const off = scene.feed.on("error", (error) => {
+      onError?.(error);
+      this.manager.itemError(url);
+      this.manager.itemEnd(url);
+    });
+    scene.feed.on("front", () => {
+      off();
+      onLoad?.(scene);
+      this.manager.itemEnd(url);
+    });
+    scene.feed.on("change", () => {
+      const { bytesRead: loaded, bytes: total } = scene.feed.stats();
+      onProgress?.(new ProgressEvent("progress", { lengthComputable: true, loaded, total }));
+    });
+    return scene;
+  }
+}

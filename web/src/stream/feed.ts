@@ -1,0 +1,158 @@
+/** A scene on its way to what draws it: how much of it is wanted, beginning anew, and what came early. */
+
+import type { PackedTile } from "../decoder/types.js";
+import type { Front } from "../format/directory.js";
+import { byView } from "../plan/by_view.js";
+import type { Budgets, Camera } from "../plan/types.js";
+import { Emitter } from "./emitter.js";
+import type { StreamError } from "./errors.js";
+import { Looking } from "./looking.js";
+import { ScarStream, type Stats, type StreamOptions } from "./scar_stream.js";
+import type { SourceLike } from "./source.js";
+
+/** Of a stream, but for what a feed decides. */
+export type FeedOptions = Omit<StreamOptions, "output" | "planner" | "camera"> & {
+  /** Layers, from the first; all unless given. */
+  layers?: number;
+};
+
+/** What draws tiles. */
+export interface Sink {
+  /** Makes room; what was there is gone. */
+  open(front: Front, budgets: Budgets): void;
+  put(words: PackedTile): void;
+  remove(tile: number): void;
+}
+
+export interface FeedEvents {
+  /** Header, layers and boxes are known. */
+  front: Front;
+  /** The view that the file begins with: position, target, up, vertical field in radians. */
+  view: number[];
+  /** Something has come, went, or is asked for. */
+  change: null;
+  retry: StreamError;
+  error: StreamError;
+}
+
+export class Feed {
+  front: Front | null = null;
+  /** Whether all that is wanted has come. */
+  done = false;
+  error: StreamError | null = null;
+  readonly #emitter = new Emitter<FeedEvents>();
+  readonly #looking = new Looking((camera) => this.#setView(camera));
+  #stream: ScarStream;
+  #sink: Sink | null = null;
+  #layers: number;
+  #camera: Camera | undefined;
+  /** Tiles that came before there was a sink. */
+  readonly #early = new Map<number, PackedTile>();
+
+  /** Begins at once. */
+  constructor(
+    readonly source: SourceLike,
+    private readonly options: FeedOptions = {},
+  ) {
+    this.#layers = options.layers ?? Infinity;
+    this.#stream = this.#open();
+  }
+
+  /** @returns what takes the handler away again */
+  on<Name extends keyof FeedEvents>(name: Name, handler: (event: FeedEvents[Name]) => void): () => void {
+    return this.#emitter.on(name, handler);
+  }
+
+  /** Gives all to a sink from now on, and what has come already at once. */
+  drawOn(sink: Sink): void {
+    this.#sink = sink;
+    if (this.front !== null) sink.open(this.front, this.#stream.budgets);
+    for (const words of this.#early.values()) sink.put(words);
+    this.#early.clear();
+  }
+
+  get layers(): number {
+    return this.#layers;
+  }
+
+  /** Fewer begin anew: what is refined cannot be made coarse again. */
+  set layers(layers: number) {
+    const fewer = layers < this.#layers;
+    this.#layers = layers;
+    if (fewer) this.restart();
+    else if (this.#camera !== undefined) this.#setView(this.#camera);
+  }
+
+  /** Plans for a camera, if that is another one. */
+  look(camera: Camera): void {
+    this.#looking.look(camera);
+  }
+
+  /** Reads on after an error of the connection, or from the start where nothing was read or the file may be another one. */
+  again(): void {
+    const anew = this.front === null || this.error?.id === "file-changed";
+    this.error = null;
+    if (anew) this.restart();
+    else this.#stream.resume();
+    this.#emitter.emit("change", null);
+  }
+
+  /** Reads all again: what was drawn is lost. */
+  restart(): void {
+    this.#stream.close();
+    this.#early.clear();
+    this.#stream = this.#open();
+  }
+
+  stats(): Stats {
+    return this.#stream.stats();
+  }
+
+  close(): void {
+    this.#stream.close();
+    this.#emitter.clear();
+  }
+
+  #setView(camera: Camera): void {
+    this.done = false;
+    this.#camera = camera;
+    this.#stream.setView(camera);
+  }
+
+  #open(): ScarStream {
+    this.done = false;
+    this.error = null;
+    const planner = {
+      plan: (...asked: Parameters<typeof byView.plan>) => byView.plan(...asked).filter(({ layer }) => layer <= this.#layers),
+    };
+    const stream = new ScarStream(this.source, { ...this.options, planner, camera: this.#camera, output: "words" });
+    stream.on("front", (front) => {
+      this.front = front;
+      this.#sink?.open(front, stream.budgets);
+      this.#emitter.emit("front", front);
+    });
+    stream.on("streaming", ({ view }) => view !== null && this.#emitter.emit("view", view));
+    stream.on("tile", ({ output }) => {
+      const words = output as PackedTile;
+      if (this.#sink === null) this.#early.set(words.tile, words);
+      else this.#sink.put(words);
+      this.#emitter.emit("change", null);
+    });
+    stream.on("evict", ({ tile }) => {
+      this.#early.delete(tile);
+      this.#sink?.remove(tile);
+      this.#emitter.emit("change", null);
+    });
+    stream.on("progress", () => this.#emitter.emit("change", null));
+    stream.on("done", () => {
+      this.done = true;
+      this.#emitter.emit("change", null);
+    });
+    stream.on("retry", ({ error }) => this.#emitter.emit("retry", error));
+    stream.on("error", (error) => {
+      this.error = error;
+      this.#emitter.emit("error", error);
+    });
+    return stream;
+  }
+}

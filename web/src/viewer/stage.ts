@@ -1,0 +1,81 @@
+/** A canvas and what is drawn in it: one scene, by three.js and Spark. */
+
+import * as THREE from "three";
+
+import { ScarScene } from "../adapters/three.js";
+import type { PackedTile } from "../decoder/types.js";
+import type { Feed } from "../stream/feed.js";
+
+/** Beyond twice as many pixels as the page has, nobody sees a difference, and each costs. */
+const MOST_PIXEL_RATIO = 2;
+
+export class Stage {
+  readonly #renderer: THREE.WebGLRenderer;
+  readonly #scene = new THREE.Scene();
+  #shown: ScarScene | null = null;
+  #lost = false;
+
+  /** @param onWritten called when all of a tile is on the GPU */
+  constructor(
+    readonly canvas: HTMLCanvasElement,
+    private readonly onWritten: (words: PackedTile) => void,
+  ) {
+    this.#renderer = new THREE.WebGLRenderer({ canvas, antialias: false, alpha: true });
+    this.#renderer.setPixelRatio(Math.min(devicePixelRatio, MOST_PIXEL_RATIO));
+    canvas.addEventListener("webglcontextlost", () => (this.#lost = true));
+    canvas.addEventListener("webglcontextrestored", () => (this.#lost = false));
+  }
+
+  /** Draws a scene in place of that shown. */
+  show(feed: Feed): void {
+    this.#shown?.dispose();
+    this.#shown = new ScarScene(feed);
+    this.#shown.onWritten = this.onWritten;
+    this.#scene.add(this.#shown);
+  }
+
+  /** @param colour of CSS; "transparent" shows what lies behind the canvas */
+  set background(colour: string) {
+    const clear = colour === "transparent";
+    this.#renderer.setClearColor(clear ? 0 : colour, clear ? 0 : 1);
+  }
+
+  /** Draws harmonics up to a degree. */
+  set shDegree(degree: number) {
+    if (this.#shown !== null) this.#shown.shDegree = degree;
+  }
+
+  /** Gaussians that the last frame drew. */
+  get splatsDrawn(): number {
+    return this.#shown?.splatsDrawn ?? 0;
+  }
+
+  /** Draws a frame; true if another one is needed for what has come. */
+  draw(camera: THREE.PerspectiveCamera): boolean {
+    if (this.#lost) return false;
+    const { clientWidth, clientHeight } = this.canvas;
+    const size = this.#renderer.getSize(new THREE.Vector2());
+    if (size.x !== clientWidth || size.y !== clientHeight) this.#renderer.setSize(clientWidth, clientHeight, false);
+    this.#renderer.render(this.#scene, camera);
+    return this.#shown?.busy ?? false;
+  }
+
+  /** A picture of so many pixels of what is drawn now; the next `draw` goes back to the page's. */
+  shoot(camera: THREE.PerspectiveCamera, width: number, height: number, type: string): Promise<Blob> {
+    const ratio = this.#renderer.getPixelRatio();
+    this.#renderer.setPixelRatio(1);
+    this.#renderer.setSize(width, height, false);
+    this.#renderer.render(this.#scene, camera);
+    // Browsers take the picture before the next frame, whatever its size is then.
+    const picture = new Promise<Blob>((resolve, reject) => {
+      this.canvas.toBlob((blob) => (blob === null ? reject(new Error(`no picture of type ${type}`)) : resolve(blob)), type);
+    });
+    this.#renderer.setPixelRatio(ratio);
+    return picture;
+  }
+
+  dispose(): void {
+    this.#shown?.dispose();
+    this.#renderer.dispose();
+  }
+}

@@ -1,0 +1,333 @@
+/** A viewer in a page of one's own: `createViewer({ container, url })`. */
+
+import type { Front } from "../format/directory.js";
+import { Emitter } from "../stream/emitter.js";
+import { StreamError } from "../stream/errors.js";
+import { Feed, type FeedOptions } from "../stream/feed.js";
+import type { Stats } from "../stream/scar_stream.js";
+import type { SourceLike } from "../stream/source.js";
+import { cameraOf, outsideView, sideViews, type View, viewOfFile } from "./framing.js";
+import type { Pilot } from "./pilot.js";
+import type { Stage } from "./stage.js";
+
+export type { FeedOptions, View };
+
+export interface ViewerOptions {
+  /** Filled by the picture; it needs a size of its own. */
+  container: HTMLElement;
+  /** What to show: an address, a file of the user, or anything that gives ranges. `open` does the same later. */
+  url?: SourceLike;
+  /** Where to look from; what the file says unless given. */
+  view?: View;
+  /** Colour of CSS, or "transparent"; black unless given. */
+  background?: string;
+  /** Address of a picture that is shown until the scene is. */
+  poster?: string;
+  autoRotate?: boolean;
+  /** Layers, budgets, headers and other options of the stream. */
+  stream?: FeedOptions;
+}
+
+/**
+ * "empty": nothing is to be shown; "loading": the file has not answered; "reading": something more comes; "drawing": all
+ * has come, and the picture changes; "still"; "failed": nothing could be read.
+ */
+export type ViewerState = "empty" | "loading" | "reading" | "drawing" | "still" | "failed";
+
+export interface ViewerStats extends Stats {
+  /** Gaussians that the last frame drew. */
+  splatsDrawn: number;
+  /** Of the last second in which there were frames. */
+  framesPerSecond: number;
+}
+
+export interface ViewerEvents {
+  /** Header, layers and boxes of the file are known. */
+  front: Front;
+  state: ViewerState;
+  /** Someone moved, or it turns by itself. Not what `view` was set to. */
+  view: View;
+  /** A tile is drawn after a layer. */
+  drawn: { tile: number; layer: number };
+  /** After each frame, and whenever something came. */
+  frame: null;
+  /** The connection failed, and is tried again. */
+  retry: StreamError;
+  /** Something failed. What is shown stays; where `fatal`, nothing more comes until `again`. */
+  error: StreamError;
+}
+
+type Drawing = typeof import("./drawing.js");
+
+const LABEL = "3D scene. Drag or arrow keys: turn; right button or two fingers: move; wheel: nearer; W A S D Q E: fly.";
+const ALL_DEGREES = 3;
+/** Frames of which the rate is told. */
+const RATED_MS = 1000;
+/** Between frames of a picture that moves; after a longer pause it stood still. */
+const PAUSE_MS = 250;
+
+export class Viewer {
+  readonly canvas = document.createElement("canvas");
+  readonly #emitter = new Emitter<ViewerEvents>();
+  readonly #resized = new ResizeObserver(() => this.#needFrame());
+  #feed: Feed | null = null;
+  /** Null until they have come. */
+  #stage: Stage | null = null;
+  #pilot: Pilot | null = null;
+  #home: View | null = null;
+  /** Whether someone chose where to look from, so that the file does not. */
+  #chosen: boolean;
+  /** Nothing can be drawn on this page. */
+  #broken = false;
+  #state: ViewerState = "empty";
+  #shDegree = ALL_DEGREES;
+  #background: string;
+  #turns: boolean;
+  #frame = 0;
+  #frames: number[] = [];
+  #disposed = false;
+
+  constructor(private readonly options: ViewerOptions) {
+    const { container, url, background = "#000", autoRotate = false, poster } = options;
+    this.#background = background;
+    this.#turns = autoRotate;
+    this.#chosen = options.view !== undefined;
+    Object.assign(this.canvas, { tabIndex: 0, role: "application", ariaLabel: LABEL });
+    const behind = poster === undefined ? background : `center / contain no-repeat url(${JSON.stringify(poster)}) ${background}`;
+    this.canvas.style.cssText = `display: block; width: 100%; height: 100%; touch-action: none; background: ${behind}`;
+    container.append(this.canvas);
+    this.#resized.observe(this.canvas);
+    if (url !== undefined) this.open(url);
+    // The first request is on its way before the largest script.
+    import("./drawing.js").then(
+      (drawing) => this.#disposed || this.#begin(drawing),
+      (cause: unknown) => this.#fail(cause),
+    );
+  }
+
+  /** @returns what takes the handler away again */
+  on<Name extends keyof ViewerEvents>(name: Name, handler: (event: ViewerEvents[Name]) => void): () => void {
+    return this.#emitter.on(name, handler);
+  }
+
+  /** Shows another scene in place of this one. */
+  open(url: SourceLike): void {
+    this.#feed?.close();
+    this.#home = null;
+    const feed = new Feed(url, this.options.stream);
+    this.#feed = feed;
+    feed.on("front", (front) => {
+      if (this.#home === null) this.#goHome(this.options.view ?? outsideView(front));
+      this.#emitter.emit("front", front);
+    });
+    feed.on("view", (view) => {
+      if (!this.#chosen && this.#pilot?.moved !== true) this.#goHome(viewOfFile(view));
+    });
+    feed.on("change", () => this.#needFrame());
+    feed.on("retry", (error) => this.#emitter.emit("retry", error));
+    feed.on("error", (error) => {
+      this.#emitter.emit("error", error);
+      this.#needFrame();
+    });
+    this.#stage?.show(feed);
+    this.#needFrame();
+  }
+
+  get state(): ViewerState {
+    return this.#state;
+  }
+
+  /** What the front of the file says, null before it is read. */
+  get front(): Front | null {
+    return this.#feed?.front ?? null;
+  }
+
+  /** Where the eye is; null before the file has said where to begin. */
+  get view(): View | null {
+    return this.#home === null ? null : (this.#pilot?.view() ?? this.#home);
+  }
+
+  set view(view: View) {
+    this.#chosen = true;
+    this.#home ??= view;
+    this.#pilot?.place(view);
+    this.#needFrame();
+  }
+
+  /** Where it began, and where `reset` goes to; set, it goes there. */
+  get home(): View | null {
+    return this.#home;
+  }
+
+  set home(view: View) {
+    this.#chosen = true;
+    this.#goHome(view);
+  }
+
+  /** Views to choose from, by name: "start", and from all sides once the front is read. */
+  get views(): Record<string, View> {
+    const start: Record<string, View> = this.#home === null ? {} : { start: this.#home };
+    return this.front === null ? start : { ...start, ...sideViews(this.front) };
+  }
+
+  /** Goes back to the view that the scene began with. */
+  reset(): void {
+    if (this.#home !== null) this.view = this.#home;
+  }
+
+  /** Layers that are asked for, from the first; Infinity for all. */
+  get layers(): number {
+    return this.#feed?.layers ?? Infinity;
+  }
+
+  set layers(layers: number) {
+    if (this.#feed !== null) this.#feed.layers = layers;
+  }
+
+  /** Degree up to which colours depend on the direction, 0 to 3. */
+  get shDegree(): number {
+    return this.#shDegree;
+  }
+
+  set shDegree(degree: number) {
+    this.#shDegree = degree;
+    if (this.#stage !== null) this.#stage.shDegree = degree;
+    this.#needFrame();
+  }
+
+  /** A colour of CSS, or "transparent". */
+  get background(): string {
+    return this.#background;
+  }
+
+  set background(colour: string) {
+    this.#background = colour;
+    if (this.#stage !== null) this.#stage.background = colour;
+    this.#needFrame();
+  }
+
+  /** Whether it turns by itself; ends when someone takes hold of the scene. */
+  get autoRotate(): boolean {
+    return this.#pilot?.autoRotate ?? this.#turns;
+  }
+
+  set autoRotate(turns: boolean) {
+    this.#turns = turns;
+    if (this.#pilot !== null) this.#pilot.autoRotate = turns;
+  }
+
+  stats(): ViewerStats | null {
+    const [first, last] = [this.#frames[0], this.#frames.at(-1)];
+    const framesPerSecond = first === last ? 0 : (1000 * (this.#frames.length - 1)) / (last! - first);
+    const splatsDrawn = this.#stage?.splatsDrawn ?? 0;
+    return this.#feed === null ? null : { ...this.#feed.stats(), splatsDrawn, framesPerSecond };
+  }
+
+  /** The picture as it is now, of the size that it has on the page unless given. Rejects before there is one. */
+  async screenshot({ width = this.canvas.width, height = this.canvas.height, type = "image/png" } = {}): Promise<Blob> {
+    const [stage, pilot] = [this.#stage, this.#pilot];
+    if (stage === null || pilot === null) throw new Error("nothing is drawn yet");
+    pilot.fit(width, height);
+    const picture = stage.shoot(pilot.camera, width, height, type);
+    this.#needFrame();
+    return picture;
+  }
+
+  /** Tries again after an error. */
+  again(): void {
+    if (this.#feed?.error) this.#feed.again();
+  }
+
+  /** Ends everything: requests, workers, textures, handlers. The canvas leaves its container. */
+  dispose(): void {
+    this.#disposed = true;
+    cancelAnimationFrame(this.#frame);
+    this.#resized.disconnect();
+    this.#emitter.clear();
+    this.#feed?.close();
+    this.#pilot?.dispose();
+    this.#stage?.dispose();
+    this.canvas.remove();
+  }
+
+  #begin({ Pilot, Stage }: Drawing): void {
+    this.#pilot = new Pilot(this.canvas, () => this.#needFrame());
+    try {
+      this.#stage = new Stage(this.canvas, ({ tile, layer }) => this.#onWritten(tile, layer));
+    } catch (cause) {
+      return this.#fail(cause);
+    }
+    this.#pilot.autoRotate = this.#turns;
+    if (this.#feed !== null) this.#stage.show(this.#feed);
+    if (this.#home !== null) this.#goHome(this.#home);
+  }
+
+  #goHome(view: View): void {
+    this.#home = view;
+    this.#pilot?.place(view);
+    const { clientWidth, clientHeight } = this.canvas;
+    if (this.#pilot === null && clientHeight > 0) this.#feed?.look(cameraOf(view, clientWidth, clientHeight));
+    this.#needFrame();
+  }
+
+  /** From the first tile on what is behind the canvas is the page's, and no poster. */
+  #onWritten(tile: number, layer: number): void {
+    if (this.#stage !== null && this.canvas.style.background !== "none") {
+      this.canvas.style.background = "none";
+      this.#stage.background = this.#background;
+      this.#stage.shDegree = this.#shDegree;
+    }
+    this.#emitter.emit("drawn", { tile, layer });
+  }
+
+  #fail(cause: unknown): void {
+    const error = new StreamError("drawing", `this page cannot draw: ${cause instanceof Error ? cause.message : String(cause)}`, { cause });
+    error.fatal = true;
+    this.#broken = true;
+    this.#emitter.emit("error", error);
+    this.#needFrame();
+  }
+
+  #needFrame(): void {
+    if (this.#frame === 0 && !this.#disposed) this.#frame = requestAnimationFrame((now) => this.#draw(now));
+  }
+
+  #draw(now: number): void {
+    this.#frame = 0;
+    const [stage, pilot] = [this.#stage, this.#pilot];
+    const { clientWidth, clientHeight } = this.canvas;
+    let busy = false;
+    if (stage !== null && pilot !== null && clientHeight > 0) {
+      const moves = pilot.advance(now);
+      pilot.fit(clientWidth, clientHeight);
+      busy = stage.draw(pilot.camera) || moves;
+      if (moves && this.#home !== null) this.#emitter.emit("view", pilot.view());
+      this.#rate(now);
+    }
+    this.#tellState(busy || stage === null);
+    this.#emitter.emit("frame", null);
+    if (busy) this.#needFrame();
+  }
+
+  #rate(now: number): void {
+    if (now - (this.#frames.at(-1) ?? now) > PAUSE_MS) this.#frames = [];
+    this.#frames.push(now);
+    while (this.#frames[0] < now - RATED_MS) this.#frames.shift();
+  }
+
+  #tellState(busy: boolean): void {
+    const { front, done, error } = this.#feed ?? { front: null, done: false, error: null };
+    const unread = this.#broken || (error !== null && front === null);
+    const begun = done || error !== null;
+    const shown: ViewerState = !begun ? "reading" : busy ? "drawing" : "still";
+    const state = unread ? "failed" : this.#feed === null ? "empty" : front === null ? "loading" : shown;
+    if (state === this.#state) return;
+    this.#state = state;
+    this.#emitter.emit("state", state);
+  }
+}
+
+/** Shows a scene in a container of the page, and begins at once. */
+export function createViewer(options: ViewerOptions): Viewer {
+  return new Viewer(options);
+}
