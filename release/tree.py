@@ -48,7 +48,7 @@ class Tree:
             done.check_returncode()
 
     def version(self) -> str:
-        """The version, which `scarfmt/__init__.py` alone says.
+        """The version, which `scarfmt/__init__.py` says.
 
         Raises:
             ValueError: it is not three numbers, which is all that Python's and npm's rules have in common.

@@ -49,9 +49,10 @@ def test_extras_named_exist(path: Path) -> None:
 
 
 def test_the_version_is_written_once_and_others_take_or_repeat_it() -> None:
-    """Distributions take it; the citation and the change log, which people read, repeat it with one date."""
+    """Distributions take it; the npm package repeats it, and citation and change log, which people read, with one date."""
     assert PROJECT["dynamic"] == SUITE["dynamic"] == ["version"]
-    assert "version" not in json.loads((REPOSITORY / "web" / "package.json").read_text(encoding="utf-8"))
+    browser = json.loads((REPOSITORY / "web" / "package.json").read_text(encoding="utf-8"))
+    assert browser["version"] == scarfmt.__version__
     citation = (REPOSITORY / "CITATION.cff").read_text(encoding="utf-8")
     (date,) = re.findall(r"^date-released: ([\d-]+)$", citation, re.M)
     assert re.findall(r"^version: (\S+)$", citation, re.M) == [scarfmt.__version__]

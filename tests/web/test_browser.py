@@ -37,7 +37,7 @@ def run_program(web: Path, chromium: str, *command: str) -> None:
     assert done.returncode == 0, done.stdout[-6000:] + done.stderr[-2000:]
 
 
-@pytest.mark.parametrize("name", ["bundlers", "page", "page_trouble", "playcanvas"])
+@pytest.mark.parametrize("name", ["bundlers", "page", "page_trouble", "playcanvas", "three"])
 def test_pages_in_a_browser(web: Path, chromium: str, name: str) -> None:
     """They draw, refine, obey keys and address, hide what is evicted, keep the picture and say what is wrong."""
     run_program(web, chromium, "--test", "--test-concurrency=1", f"dist/tests/{name}.browser.mjs")

@@ -8,13 +8,11 @@ import re
 import subprocess
 from pathlib import Path
 
-import scarfmt
-
 MOST_GZIPPED = 36_000
 """Bytes of what a page loads before it decodes."""
 MOST_OF_AN_ADAPTER = 8_000
 """Bytes of what an adapter adds to the stream."""
-MOST_OF_A_VIEWER = 40_000
+MOST_OF_A_VIEWER = 48_000
 """Bytes of viewer, element, stream, adapter and worker together: all but three.js, Spark and the module."""
 MOST_OF_A_WORKER = 10_000
 """Bytes of the script that a worker loads beside the module."""
@@ -35,7 +33,6 @@ def test_it_depends_on_nothing(web: Path) -> None:
     """Packages that build and check it have exact versions. A user of the package needs no other, an adapter only its
     viewer."""
     package = json.loads((web / "package.json").read_text())
-    assert package["version"] == scarfmt.__version__
     assert package.keys().isdisjoint({"dependencies", "optionalDependencies"})
     assert {name: {"optional": True} for name in package["peerDependencies"]} == package["peerDependenciesMeta"]
     assert all(version[0].isdigit() for version in package["devDependencies"].values())

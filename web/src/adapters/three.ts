@@ -9,6 +9,7 @@ import * as THREE from "three";
 import type { PackedTile } from "../decoder/types.js";
 import type { Front } from "../format/directory.js";
 import { placesFor } from "../pack/places.js";
+import { verticalField } from "../plan/framing.js";
 import type { Budgets, Camera } from "../plan/types.js";
 import { Feed, type FeedOptions } from "../stream/feed.js";
 import type { SourceLike } from "../stream/source.js";
@@ -35,12 +36,18 @@ export class ScarScene extends THREE.Group {
     this.add(this.#makeHook());
   }
 
-  /** Middle and ends of what the file holds, in the scene's own coordinates; empty before its front is read. */
-  get box(): THREE.Box3 {
-    const box = new THREE.Box3();
-    const { boxes = new Float64Array(0) } = this.feed.front?.index ?? {};
-    for (let i = 0; i < boxes.length; i += 3) box.expandByPoint(new THREE.Vector3().fromArray(boxes, i));
-    return box;
+  /** Puts a camera where the scene is looked at from first. @returns what it looks at; null before the front is read */
+  placeCamera(camera: THREE.PerspectiveCamera): THREE.Vector3 | null {
+    const view = this.feed.opening;
+    if (view === null) return null;
+    this.updateWorldMatrix(true, false);
+    const target = this.localToWorld(new THREE.Vector3(...view.target));
+    camera.position.copy(this.localToWorld(new THREE.Vector3(...view.position)));
+    camera.up.set(...view.up).transformDirection(this.matrixWorld);
+    camera.fov = THREE.MathUtils.radToDeg(verticalField(view.fovY, camera.aspect, 1));
+    camera.updateProjectionMatrix();
+    camera.lookAt(target);
+    return target;
   }
 
   /** Degree of harmonics that is drawn. */

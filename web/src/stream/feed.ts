@@ -3,6 +3,7 @@
 import type { PackedTile } from "../decoder/types.js";
 import type { Front } from "../format/directory.js";
 import { byView } from "../plan/by_view.js";
+import { outsideView, type View, viewOfFile } from "../plan/framing.js";
 import type { Budgets, Camera } from "../plan/types.js";
 import { Emitter } from "./emitter.js";
 import type { StreamError } from "./errors.js";
@@ -27,8 +28,8 @@ export interface Sink {
 export interface FeedEvents {
   /** Header, layers and boxes are known. */
   front: Front;
-  /** The view that the file begins with: position, target, up, vertical field in radians. */
-  view: number[];
+  /** Where to look from first: from outside, and what the file says once that has come. */
+  opening: View;
   /** Something has come, went, or is asked for. */
   change: null;
   retry: StreamError;
@@ -37,6 +38,8 @@ export interface FeedEvents {
 
 export class Feed {
   front: Front | null = null;
+  /** Where to look from first, null before the front. */
+  opening: View | null = null;
   /** Whether all that is wanted has come. */
   done = false;
   error: StreamError | null = null;
@@ -113,6 +116,11 @@ export class Feed {
     this.#emitter.clear();
   }
 
+  #begin(view: View): void {
+    this.opening = view;
+    this.#emitter.emit("opening", view);
+  }
+
   #setView(camera: Camera): void {
     this.done = false;
     this.#camera = camera;
@@ -130,8 +138,9 @@ export class Feed {
       this.front = front;
       this.#sink?.open(front, stream.budgets);
       this.#emitter.emit("front", front);
+      if (this.opening === null) this.#begin(outsideView(front));
     });
-    stream.on("streaming", ({ view }) => view !== null && this.#emitter.emit("view", view));
+    stream.on("streaming", ({ view }) => view !== null && this.#begin(viewOfFile(view)));
     stream.on("tile", ({ output }) => {
       const words = output as PackedTile;
       if (this.#sink === null) this.#early.set(words.tile, words);

@@ -3,7 +3,7 @@
 import * as THREE from "three";
 import { OrbitControls } from "three/addons/controls/OrbitControls.js";
 
-import { type View, verticalField } from "./framing.js";
+import { type View, verticalField } from "../plan/framing.js";
 
 /** Directions of flight, in the axes of the camera: right, up, back. */
 const FLIGHT: Record<string, [number, number, number]> = {

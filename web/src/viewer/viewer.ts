@@ -6,7 +6,7 @@ import { StreamError } from "../stream/errors.js";
 import { Feed, type FeedOptions } from "../stream/feed.js";
 import type { Stats } from "../stream/scar_stream.js";
 import type { SourceLike } from "../stream/source.js";
-import { cameraOf, outsideView, sideViews, type View, viewOfFile } from "./framing.js";
+import { cameraOf, sideViews, type View } from "../plan/framing.js";
 import type { Pilot } from "./pilot.js";
 import type { Stage } from "./stage.js";
 
@@ -117,11 +117,11 @@ export class Viewer {
     const feed = new Feed(url, this.options.stream);
     this.#feed = feed;
     feed.on("front", (front) => {
-      if (this.#home === null) this.#goHome(this.options.view ?? outsideView(front));
+      if (this.options.view !== undefined && this.#home === null) this.#goHome(this.options.view);
       this.#emitter.emit("front", front);
     });
-    feed.on("view", (view) => {
-      if (!this.#chosen && this.#pilot?.moved !== true) this.#goHome(viewOfFile(view));
+    feed.on("opening", (view) => {
+      if (!this.#chosen && this.#pilot?.moved !== true) this.#goHome(view);
     });
     feed.on("change", () => this.#needFrame());
     feed.on("retry", (error) => this.#emitter.emit("retry", error));

@@ -1,7 +1,7 @@
 /** Where to look from before anyone has moved: the view that the file names, or one that shows its middle. */
 
 import type { Front } from "../format/directory.js";
-import type { Camera } from "../plan/types.js";
+import type { Camera } from "./types.js";
 
 /** A place to look from. */
 export interface View {
