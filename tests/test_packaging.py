@@ -49,7 +49,7 @@ def test_extras_named_exist(path: Path) -> None:
 
 
 def test_the_version_is_written_once_and_others_take_or_repeat_it() -> None:
-    """Distributions take it; the npm package repeats it, and citation and change log, which people read, with one date."""
+    """Distributions take it; the npm package, the citation and the change log repeat it, the latter with one date."""
     assert PROJECT["dynamic"] == SUITE["dynamic"] == ["version"]
     browser = json.loads((REPOSITORY / "web" / "package.json").read_text(encoding="utf-8"))
     assert browser["version"] == scarfmt.__version__
