@@ -7,7 +7,7 @@ native=$(cd "$(dirname "$0")/../scarfmt/native" && pwd)
 sources=
 for file in "$native"/*.c "$native"/wasm/*.c; do
     # Without those of the Python library alone.
-    case $(basename "$file") in products_avx* | scene.c | work.c) ;; *) sources="$sources $file" ;; esac
+    case $(basename "$file") in products_avx* | scene.c | work.c | write.c) ;; *) sources="$sources $file" ;; esac
 done
 # shellcheck disable=SC2086
 exports=$(sed -n 's/^EXPORT .*\(scar_[a-z_]*\)(.*/-Wl,--export=\1/p' "$native/scar.h" "$native"/wasm/*.c)

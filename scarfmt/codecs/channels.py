@@ -17,6 +17,7 @@ from scarfmt.entropy.emitters import Emitter
 from scarfmt.entropy.keys import CONTEXTS, StepKey, TableKey
 from scarfmt.entropy.symbol_reader import SymbolReader
 from scarfmt.errors import Malformed
+from scarfmt.native.binding import library
 from scarfmt.neural.predicted import PredictedChannel
 from scarfmt.scene.model import MAX_STEPS, Channel
 
@@ -72,13 +73,24 @@ def put_channel(
             coarse = np.where(step > 1, coarsen(values, np.maximum(at - step + 1, 0)[:, None]), 0)
             _code_predicted(channel, step, chosen, coarse, predicted, put)
             continue
-        here = coarsen(values[chosen].T, at[chosen] - step)
-        coarse = coarsen(here, 1) if step > 1 else np.zeros_like(here)
-        kinds = (trit_contexts(coarse) if step > 1 else coarse).astype(np.uint16)
-        groups = [(StepKey(channel.stream, (c,), step), len(chosen)) for c in range(channel.components)]
-        emitter.emit_groups(groups, kinds.ravel(), (here - 3 * coarse).ravel())
+        for component, (contexts, symbols) in enumerate(zip(*_symbols(values, at, chosen, step), strict=True)):
+            emitter.emit_by_context(TableKey(channel.stream, component, step, 0), contexts, symbols)
         if predicted is not None:
             predicted.settle(step, chosen, coarsen(values[chosen], (at[chosen] - step)[:, None]))
+
+
+def _symbols(values: Ints, at: I64, chosen: I64, step: int) -> tuple[Ints, Ints]:
+    """(components, m) contexts and symbols of a step of the anchors `chosen`; the rest as for :func:`put_channel`."""
+    native = library()
+    if native is None:
+        here = coarsen(values[chosen].T, at[chosen] - step)
+        coarse = coarsen(here, 1) if step > 1 else np.zeros_like(here)
+        return (trit_contexts(coarse) if step > 1 else coarse), here - 3 * coarse
+    final, components = np.ascontiguousarray(values, np.int32), values.shape[1]
+    contexts, symbols = np.empty((components, len(chosen)), np.uint8), np.empty((components, len(chosen)), np.int32)
+    given = final.ctypes.data, components, at.ctypes.data, chosen.ctypes.data, len(chosen), step
+    native.scar_steps(*given, contexts.ctypes.data, symbols.ctypes.data)
+    return contexts, symbols
 
 
 def get_channel(

@@ -8,6 +8,7 @@ symbols an anchor are left, and duplicates need no special case: they are a leaf
 
 from __future__ import annotations
 
+from itertools import pairwise
 from typing import TypeVar
 
 import numpy as np
@@ -32,6 +33,9 @@ _FEW_NODES = 4
 
 KEY = StepKey(Stream.POSITIONS, (0,), 0)
 """Names the tables of splits; a kind is a number of anchors, up to LARGEST_OWN_TABLE + 1."""
+
+
+_TABLES = TableKey(Stream.POSITIONS, 0, 0, 0)
 
 
 def _key(count: int) -> TableKey:
@@ -64,31 +68,77 @@ def put_positions(emitter: Emitter, codes: U64, bits: int) -> None:
         codes: (n,) uint64, ascending, each below 2^(3 * bits).
         bits: local bits per axis, 0..21.
     """
-    start, count = np.zeros(1, np.int64), np.array([len(codes)], np.int64)
-    start, count = start[count > 0], count[count > 0]
-    single_at = np.full(len(codes), -1, np.int64)
-    for bit in range(3 * bits - 1, -1, -1):
-        alone = count == 1
-        single_at[start[alone]] = bit
-        start, count = start[~alone], count[~alone]
-        below = np.concatenate(([0], np.cumsum((codes >> np.uint64(bit)) & np.uint64(1) == 0)))
-        lower = below[start + count] - below[start]
-        _put_splits(emitter, count, lower)
-        start, count, _ = _children(start, count, lower)
-    for width in range(3 * bits, 0, -1):
-        _put_bits(emitter, codes[single_at == width - 1], width)
-
-
-def _put_splits(emitter: Emitter, count: I64, lower: I64) -> None:
+    places = np.concatenate([[True], codes[1:] != codes[:-1], [True]]).nonzero()[0] if len(codes) else _NONE
+    different, sizes = codes[places[:-1]], np.diff(places)
+    # The bits at which neighbours part, those at both ends from what is outside the cube.
+    parting = np.full(len(places), 3 * bits)
+    parting[1:-1] = _highest_bit(different[1:] ^ different[:-1])
+    least = np.minimum(parting[:-1], parting[1:])
+    level, count, lower = _nodes(different, places, parting, least)
     large = count > LARGEST_OWN_TABLE
-    emitter.emit_grouped(KEY, count[~large], lower[~large])
-    sizes, below = count[large], lower[large]
-    bins = below * _BINS // (sizes + 1)
-    emitter.emit(_key(LARGEST_OWN_TABLE + 1), bins)
-    first = _bin_edges(sizes, bins)
-    widths = _bin_edges(sizes, bins + 1) - first
-    for size in np.unique(widths[widths > 1]):
-        _put_uniform(emitter, int(size), (below - first)[widths == size])
+    bins = lower * _BINS // (count + 1)
+    contexts, symbols = np.where(large, LARGEST_OWN_TABLE + 1, count).astype(np.uint8), np.where(large, bins, lower)
+    rests = lower - _bin_edges(count, bins)
+    widths = np.where(large, _bin_edges(count, bins + 1) - _bin_edges(count, bins), 0)
+    ends = np.cumsum(np.bincount(3 * bits - 1 - level, minlength=1)).tolist()
+    for start, past in pairwise([0, *ends]):
+        if start == past:
+            continue
+        emitter.emit_by_context(_TABLES, contexts[start:past], symbols[start:past])
+        here = widths[start:past]
+        for size in np.unique(here[here > 1]).tolist():
+            _put_uniform(emitter, size, rests[start:past][here == size])
+    alone = np.flatnonzero(sizes == 1)
+    alone = alone[np.argsort(-least[alone], kind="stable")]
+    for first, past in pairwise([*np.flatnonzero(np.diff(least[alone], prepend=-1)).tolist(), len(alone)]):
+        _put_bits(emitter, different[alone[first:past]], int(least[alone[first]]))
+
+
+_NONE = np.zeros(0, np.int64)
+
+
+def _nodes(codes: U64, places: I64, parting: I64, least: I64) -> tuple[I64, I64, I64]:
+    """Level, number of anchors, and how many of them are in the lower half, of nodes of two or more, as they travel.
+
+    Args:
+        codes: (m,) different codes, ascending.
+        places: (m + 1,) first anchor of each, and one past the last.
+        parting: (m + 1,) bits at which neighbours part.
+        least: (m,) number of bits below that at which a code parts from the nearest other one.
+    """
+    inner, several = np.arange(1, len(codes)), np.flatnonzero(np.diff(places) > 1)
+    before, after = _nearest_larger(parting)[1:-1], len(codes) - _nearest_larger(parting[::-1])[-2:0:-1]
+    # What stays together above the bit where it parts, and what never parts.
+    top = np.concatenate([np.minimum(parting[before], parting[after]), least[several]])
+    bottom = np.concatenate([parting[inner], np.full(len(several), -1)])
+    first, past = np.concatenate([before, several]), np.concatenate([after, several + 1])
+    middle = np.concatenate([inner, several])
+    lengths = top - np.maximum(bottom, 0)
+    order = np.argsort(first, kind="stable")
+    node, starts = np.repeat(order, lengths[order]), np.cumsum(lengths[order]) - lengths[order]
+    level = top[node] - 1 - np.arange(len(node)) + np.repeat(starts, lengths[order])
+    travel = np.argsort((63 - level).astype(np.uint8), kind="stable")
+    node, level = node[travel], level[travel]
+    count = places[past[node]] - places[first[node]]
+    below = np.where((codes[first[node]] >> level.astype(np.uint64)) & np.uint64(1), 0, count)
+    return level, count, np.where(level == bottom[node], places[middle[node]] - places[first[node]], below)
+
+
+def _nearest_larger(numbers: I64) -> I64:
+    """(n,) place of the last larger number before each; none before the first, and no larger one than it."""
+    place = np.maximum(np.arange(len(numbers)) - 1, 0)
+    short = np.arange(1, len(numbers))
+    while len(short):
+        short = short[numbers[place[short]] < numbers[short]]
+        place[short] = place[place[short]]
+    return place
+
+
+def _highest_bit(numbers: U64) -> I64:
+    """(n,) number of the highest bit of each, none 0."""
+    upper = (numbers >> np.uint64(32)).astype(np.float64)
+    lower = (numbers & np.uint64(0xFFFFFFFF)).astype(np.float64)
+    return np.where(upper > 0, np.frexp(upper)[1] + 31, np.frexp(lower)[1] - 1)
 
 
 def _put_uniform(emitter: Emitter, size: int, values: I64) -> None:

@@ -17,7 +17,7 @@ import constriction
 import numpy as np
 from numpy.typing import NDArray
 
-from scarfmt.arrays import F64, I32, I64, U32, Ints
+from scarfmt.arrays import F64, I32, I64, U8, U32, Ints
 from scarfmt.errors import InvalidInput, Malformed
 from scarfmt.native.binding import library
 
@@ -134,7 +134,7 @@ class RansEncoder:
     """Collects groups of symbols in decoding order; :meth:`finish` codes them in reverse."""
 
     def __init__(self) -> None:
-        # (2, n) uint32 of each group: first slots of its symbols in their tables, and those past the last.
+        # (n, 2) uint32 of each group: first slots of its symbols in their tables, and those past the last.
         self._spans: list[U32] = []
 
     def encode(self, symbols: Ints, table: FrequencyTable) -> None:
@@ -167,18 +167,43 @@ class RansEncoder:
 
     def append(self, first: Ints | F64, past: Ints | F64) -> None:
         """Append symbols by their (n,) spans: first <= slot < past."""
-        self._spans.append(np.stack([first, past]).astype(np.uint32))
+        self._spans.append(np.stack([first, past], axis=1).astype(np.uint32))
 
     def finish(self) -> bytes:
         """The sealed stream: 32-bit little-endian words, empty when nothing was coded."""
         if not self._spans:
             return b""
-        spans, native = np.concatenate(self._spans, axis=1), library()
-        if native is None:
-            return _coded(*spans.tolist())
-        words = np.empty(spans.shape[1] + 2, np.uint32)
-        count = native.scar_rans_encode(spans.ctypes.data, spans[1].ctypes.data, spans.shape[1], words.ctypes.data)
-        return words[:count].astype("<u4").tobytes()
+        spans = np.concatenate(self._spans)
+        if library() is None:
+            return _coded(*spans.T.tolist())
+        return coded_groups(np.array([[0, len(spans)]]), np.zeros(0, np.uint8), spans.view(np.int32))
+
+
+def coded_groups(groups: I64, contexts: U8, values: I32, tables: object = None) -> bytes:
+    """The sealed stream of some groups, by the C library.
+
+    Args:
+        groups, contexts, values: of :class:`scarfmt.entropy.recorded.RecordedSymbols`, or one group of the name 0 and
+            its (n, 2) spans.
+        tables: a pointer to a `SideBySide`, if any is in force.
+
+    Raises:
+        InvalidInput: ``input-symbol``.
+    """
+    native, sizes = library(), groups[:, 1]
+    assert native is not None
+    words, spans = np.empty(int(sizes.sum()) + 2, np.uint32), np.empty((int(sizes.max(initial=0)), 2), np.uint32)
+    ends = contexts.ctypes.data + contexts.nbytes, values.ctypes.data + values.nbytes
+    given = tables, groups.ctypes.data, len(groups), *ends
+    count = native.scar_code(*given, spans.ctypes.data, words.ctypes.data)
+    if count < 0:
+        raise uncoded()
+    return words[:count].astype("<u4").tobytes()
+
+
+def uncoded() -> InvalidInput:
+    """The refusal of a symbol for which there is no place in the table."""
+    return InvalidInput("input-symbol", "a value that no table holds", field="symbols")
 
 
 def _coded(first: list[int], past: list[int]) -> bytes:

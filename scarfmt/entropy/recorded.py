@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
+from ctypes import byref
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from scarfmt.arrays import F64, I32, U16, Ints
-from scarfmt.entropy.emitters import Emitter, Group, SymbolCounter, SymbolWriter, check_values
-from scarfmt.entropy.keys import StepKey, TableKey
-from scarfmt.entropy.symbol_tables import SymbolTable
+from scarfmt.arrays import F64, I32, I64, U8, Ints
+from scarfmt.entropy.emitters import Emitter, SymbolCounter, SymbolWriter, check_values, emit_groups
+from scarfmt.entropy.keys import TableKey
+from scarfmt.entropy.rans import coded_groups
+from scarfmt.entropy.symbol_tables import StaticTables, SymbolTable
 from scarfmt.errors import InvalidInput
+from scarfmt.native.binding import library
 
 
 @dataclass(frozen=True)
@@ -21,24 +24,32 @@ class RecordedSymbols:
     """All symbols of a sub-stream.
 
     Attributes:
-        groups: in which they travel.
-        kinds: (m,) of those with static tables.
+        groups: (g, 2) int64 in which they travel: the number of the key of their tables without context, or minus the
+            size of their uniform alphabet; and how many they are.
+        contexts: (m,) of those with static tables.
         values: (n,) integers as narrow as they allow.
         coded: the sealed stream where symbols came with their own frequencies; there are no groups then.
     """
 
-    groups: tuple[Group, ...]
-    kinds: U16
+    groups: I64
+    contexts: U8
     values: NDArray[Any]
     coded: bytes
 
     def code(self, tables: Mapping[TableKey, SymbolTable]) -> bytes:
-        """The sealed rANS stream."""
-        if not self.groups:
+        """The sealed rANS stream.
+
+        Raises:
+            InvalidInput: ``input-symbol`` for a value that no table holds.
+        """
+        if not len(self.groups):
             return self.coded
-        writer = SymbolWriter(tables)
-        writer.emit_groups(self.groups, self.kinds, self.values)
-        return writer.finish()
+        if library() is None:
+            writer = SymbolWriter(tables)
+            emit_groups(writer, self.groups, self.contexts, self.values)
+            return writer.finish()
+        values = self.values.astype(np.int32, copy=False)
+        return coded_groups(self.groups, self.contexts, values, byref(StaticTables.of(tables).side_by_side))
 
 
 class SymbolRecorder(Emitter):
@@ -50,44 +61,32 @@ class SymbolRecorder(Emitter):
 
     def __init__(self, counter: SymbolCounter) -> None:
         self._counter = counter
-        self._groups: list[Group] = []
-        self._kinds: list[U16] = []
-        self._values: list[I32] = []
+        self._groups: list[tuple[int, int]] = []
+        self._contexts: list[U8] = [np.zeros(0, np.uint8)]
+        self._values: list[I32] = [np.zeros(0, np.int32)]
         self._modelled = SymbolWriter({})
 
     def emit(self, key: TableKey, values: Ints) -> None:
-        if len(values):
-            check_values(values)
-            self._counter.emit(key, values)
-            step = StepKey(key.stream, (key.component,), key.step)
-            self._keep((step, len(values)), np.full(len(values), key.context, np.uint16), values)
+        self.emit_by_context(key, np.full(len(values), key.context, np.uint8), values)
 
     def emit_uniform(self, size: int, values: Ints) -> None:
-        if len(values):
-            self._keep((size, len(values)), np.zeros(0, np.uint16), values)
+        self._keep(-size, values)
 
-    def emit_grouped(self, key: StepKey, kinds: Ints, values: Ints) -> None:
-        if len(values):
-            self._counter.emit_grouped(key, kinds, values)
-            self._keep((key, len(values)), kinds, values)
+    def emit_by_context(self, key: TableKey, contexts: Ints, values: Ints) -> None:
+        self._keep(key.number - key.context, values)
+        self._contexts.append(contexts.astype(np.uint8, copy=False))
 
-    def emit_groups(self, groups: Sequence[Group], kinds: U16, values: Ints) -> None:
+    def _keep(self, name: int, values: Ints) -> None:
         if len(values):
-            self._counter.emit_groups(groups, kinds, values)
-            self._groups += groups
-            self._kinds.append(kinds)
+            check_values(values)
+            self._groups.append((name, len(values)))
             self._values.append(values.astype(np.int32, copy=False))
-
-    def _keep(self, group: Group, kinds: Ints, values: Ints) -> None:
-        self._groups.append(group)
-        self._kinds.append(kinds.astype(np.uint16, copy=False))
-        self._values.append(values.astype(np.int32, copy=False))
 
     def emit_rows(self, weights: F64, values: Ints) -> None:
         self._modelled.emit_rows(weights, values)
 
     def settled(self) -> RecordedSymbols:
-        """All that was given.
+        """All that was given, counted.
 
         Symbols that came with their own frequencies are coded: those take much memory, and wait for no table.
 
@@ -97,11 +96,10 @@ class SymbolRecorder(Emitter):
         coded = self._modelled.finish()
         if coded and self._groups:
             raise InvalidInput("input-symbol", "a sub-stream mixes static tables and rows", field="symbols")
-        kinds = np.concatenate([np.zeros(0, np.uint16), *self._kinds])
-        return RecordedSymbols(tuple(self._groups), kinds, _narrow(np.concatenate([_NONE, *self._values])), coded)
-
-
-_NONE = np.zeros(0, np.int32)
+        groups = np.array(self._groups, np.int64).reshape(-1, 2)
+        contexts, values = np.concatenate(self._contexts), np.concatenate(self._values)
+        self._counter.count(groups, contexts, values)
+        return RecordedSymbols(groups, contexts, _narrow(values), coded)
 
 
 def _narrow(values: I32) -> NDArray[Any]:

@@ -21,6 +21,12 @@ class SceneRows(ctypes.Structure):
     _fields_ = tuple((name, c_void_p) for name in ("positions", "log_scales", "quaternions", "logits", "harmonics"))
 
 
+class SideBySide(ctypes.Structure):
+    """Static tables as ``write.c`` has them."""
+
+    _fields_ = (("count", c_int64), *((name, c_void_p) for name in ("keys", "values", "starts", "sums")))
+
+
 _SIGNATURES: dict[str, tuple[type | None, list[type]]] = {
     "scar_interface": (c_int32, []),
     "scar_open": (c_void_p, [*[c_int32] * 4, *[c_double] * 5]),
@@ -37,7 +43,9 @@ _SIGNATURES: dict[str, tuple[type | None, list[type]]] = {
     "scar_model_number": (c_int32, [c_void_p, c_int32, c_int32]),
     "scar_work": (c_double, [c_void_p, c_void_p, c_int64, c_int64]),
     "scar_refusal": (c_char_p, [c_void_p]),
-    "scar_rans_encode": (c_int64, [c_void_p, c_void_p, c_int64, c_void_p]),
+    "scar_steps": (None, [c_void_p, c_int64, c_void_p, c_void_p, c_int64, c_int64, c_void_p, c_void_p]),
+    "scar_count": (c_int64, [c_void_p, c_int64, *[c_void_p] * 3, c_int64, *[POINTER(c_int64)] * 2]),
+    "scar_code": (c_int64, [POINTER(SideBySide), c_void_p, c_int64, *[c_void_p] * 4]),
 }
 
 

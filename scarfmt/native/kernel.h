@@ -13,9 +13,6 @@ function allocates. What indexes an array comes from other arrays that the calle
 #include "compiler.h"
 #include "structs.h"
 
-/* Grows with every change of a function's arguments: loading.py loads no other. Structs are compared one by one. */
-#define INTERFACE 6
-
 /* Rows of words are filled up to be read by four. */
 INLINE int64_t fours(int64_t words) { return (words + 3) & ~(int64_t)3; }
 

@@ -106,19 +106,3 @@ WIDE void scar_rans_members(Rans *rans, const Members *members, const int64_t *c
     }
     *rans = local;
 }
-
-/* Of Python alone. Codes n symbols by where each lies in its table, first <= slot < past, the last one first; `words` has room for n + 2. Returns how many were written (SPEC 8.2). */
-EXPORT int64_t scar_rans_encode(const uint32_t *first, const uint32_t *past, int64_t n, uint32_t *words) {
-    uint64_t state = 0;
-    int64_t count = 0;
-    for (int64_t i = n; i--;) {
-        const uint64_t frequency = past[i] - first[i];
-        if (state >> (64 - PRECISION) >= frequency) {
-            words[count++] = (uint32_t)state;
-            state >>= 32;
-        }
-        state = (state / frequency << PRECISION) + state % frequency + first[i];
-    }
-    for (; state; state >>= 32) words[count++] = (uint32_t)state;
-    return count;
-}
