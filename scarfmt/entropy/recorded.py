@@ -48,8 +48,9 @@ class RecordedSymbols:
             writer = SymbolWriter(tables)
             emit_groups(writer, self.groups, self.contexts, self.values)
             return writer.finish()
-        values = self.values.astype(np.int32, copy=False)
-        return coded_groups(self.groups, self.contexts, values, byref(StaticTables.of(tables).side_by_side))
+        # Their arrays live as long as they do.
+        static, values = StaticTables.of(tables), self.values.astype(np.int32, copy=False)
+        return coded_groups(self.groups, self.contexts, values, byref(static.side_by_side))
 
 
 class SymbolRecorder(Emitter):

@@ -1,16 +1,11 @@
-/* The inner loops of writing: symbols of steps (SPEC 7.5), how often each comes, and rANS (SPEC 8). What scarfmt/codecs and
-scarfmt/entropy define. Of Python alone. */
+/* The inner loops of writing, of Python alone: symbols of steps (SPEC 7.5), how often each comes, and rANS (SPEC 8). */
 
 #include <math.h>
-
 #include "rans.h"
 #include "steps.h"
 
-/* Symbols side by side: the key of their tables without context, or minus the size of their uniform alphabet; or 0, and pairs
-of the first slot of a symbol in its table and the one past the last instead of values. */
-typedef struct {
-    int64_t name, count;
-} Group;
+/* name: the key of tables without context; minus the size of a uniform alphabet; or 0, and values are pairs, a span each. */
+typedef struct { int64_t name, count; } Group;
 
 /* Static tables side by side, keys ascending: table t has values from starts[t] on, and sums, one more, from starts[t] + t. */
 typedef struct {
@@ -20,25 +15,16 @@ typedef struct {
     const uint32_t *sums;
 } SideBySide;
 
-/* A symbol of a table: (key << 32) + value + 2^31, 0 for none; and how often it comes. */
-typedef struct {
-    uint64_t symbol;
-    int64_t times;
-} Counted;
-
 /* Contexts and symbols of a ternary step of `wide` anchors `chosen`, component by component. values: (n, components) after
 `at` steps each. Quotients of binary64 are exact enough to be rounded down: numbers have 33 bits. */
 EXPORT WIDE void scar_steps(const int32_t *values, int64_t components, const int64_t *at, const int64_t *chosen,
                             int64_t wide, int64_t step, uint8_t *contexts, int32_t *symbols) {
-    double power[BLOCK];
+    double power[BLOCK], value[BLOCK];
     for (int64_t from = 0; from < wide; from += BLOCK) {
         const int64_t some = wide - from < BLOCK ? wide - from : BLOCK;
-        for (int64_t i = 0; i < some; i++) {
-            power[i] = 1;
-            for (int64_t left = at[chosen[from + i]] - step; left > 0; left--) power[i] *= 3;
-        }
+        for (int64_t i = 0; i < some; i++)
+            for (int64_t left = (power[i] = 1, at[chosen[from + i]] - step); left > 0; left--) power[i] *= 3;
         for (int64_t c = 0; c < components; c++) {
-            double value[BLOCK];
             uint8_t *restrict context = contexts + c * wide + from;
             int32_t *restrict symbol = symbols + c * wide + from;
             for (int64_t i = 0; i < some; i++) value[i] = values[chosen[from + i] * components + c];
@@ -52,19 +38,18 @@ EXPORT WIDE void scar_steps(const int32_t *values, int64_t components, const int
     }
 }
 
-/* Counts a symbol in a power of two of cells, of which some are free: whether it is a new one. */
-static int count_symbol(Counted *cells, int64_t room, int64_t key, int64_t value, int64_t times) {
-    const uint64_t symbol = ((uint64_t)key << 32) + (uint64_t)(value + 2147483648), last = (uint64_t)(room - 1);
-    uint64_t at = (symbol * 0x9E3779B97F4A7C15u) >> 32 & last;
-    while (cells[at].symbol && cells[at].symbol != symbol) at = (at + 1) & last;
-    const int new = !cells[at].symbol;
-    cells[at].symbol = symbol, cells[at].times += times;
-    return new;
+/* Counts a symbol, (key << 32) + value + 2^31, in a power of two of cells, some of them free (0): whether it is new. */
+static int count_symbol(int64_t (*cells)[2], int64_t room, int64_t key, int64_t value, int64_t times) {
+    const int64_t symbol = key * (1ll << 32) + value + (1ll << 31);
+    uint64_t at = ((uint64_t)symbol * 0x9E3779B97F4A7C15u) >> 32;
+    while (cells[at &= (uint64_t)(room - 1)][0] && cells[at][0] != symbol) at++;
+    cells[at][0] = symbol, cells[at][1] += times;
+    return cells[at][1] == times;
 }
 
 /* Counts symbols that have static tables in `room` cells, of which fewer than half get `used`. Returns how many of n groups
 were counted, `ends` where their contexts and values end: there was no room for the next one. */
-EXPORT int64_t scar_count(const Group *groups, int64_t n, const uint8_t *contexts, const int32_t *values, Counted *cells,
+EXPORT int64_t scar_count(const Group *groups, int64_t n, const uint8_t *contexts, const int32_t *values, int64_t (*cells)[2],
                           int64_t room, int64_t *used, int64_t *ends) {
     for (int64_t g = 0; g < n; ends[1] += groups[g++].count) {
         if (groups[g].name < 0) continue;
@@ -83,8 +68,8 @@ EXPORT int64_t scar_count(const Group *groups, int64_t n, const uint8_t *context
 
 /* Where `value` is among n ascending numbers; -1: nowhere. Most alphabets have no gaps. */
 static int64_t find_number(const int32_t *numbers, int64_t n, int64_t value) {
-    int64_t low = 0, high = n;
-    if (n && value >= numbers[0] && value - numbers[0] < n && numbers[value - numbers[0]] == value) return value - numbers[0];
+    int64_t low = 0, high = n, near = n ? value - numbers[0] : -1;
+    if (near >= 0 && near < n && numbers[near] == value) return near;
     while (low < high) {
         const int64_t middle = (low + high) / 2;
         if (numbers[middle] < value) low = middle + 1; else high = middle;
@@ -110,10 +95,7 @@ static int find_spans(const SideBySide *t, Group group, const uint8_t *contexts,
 /* Appends words of one symbol more to the `count` of a state, which it returns. */
 static uint64_t push(uint64_t state, uint32_t first, uint32_t past, uint32_t *words, int64_t *count) {
     const uint64_t frequency = past - first;
-    if (state >> (64 - PRECISION) >= frequency) {
-        words[(*count)++] = (uint32_t)state;
-        state >>= 32;
-    }
+    if (state >> (64 - PRECISION) >= frequency) words[(*count)++] = (uint32_t)state, state >>= 32;
     return (state / frequency << PRECISION) + state % frequency + first;
 }
 
@@ -131,12 +113,10 @@ EXPORT int64_t scar_code(const SideBySide *tables, const Group *groups, int64_t 
         const uint32_t *span = group.name ? spans[0] : (const uint32_t *)values;
         for (int64_t i = group.count; i--;) {
             const uint32_t s = (uint32_t)values[i];
-            if (group.name >= 0)
-                state = push(state, span[2 * i], span[2 * i + 1], words, &count);
-            else if (s >= size)
-                return -1;
-            else
-                state = push(state, edge(s, TOTAL - size, size, s), edge(s + 1, TOTAL - size, size, s + 1), words, &count);
+            if (group.name < 0 && s >= size) return -1;
+            const uint32_t first = group.name < 0 ? edge(s, TOTAL - size, size, s) : span[2 * i];
+            const uint32_t past = group.name < 0 ? edge(s + 1, TOTAL - size, size, s + 1) : span[2 * i + 1];
+            state = push(state, first, past, words, &count);
         }
     }
     for (; state; state >>= 32) words[count++] = (uint32_t)state;

@@ -11,11 +11,12 @@ from numpy.typing import NDArray
 from scarfmt.arrays import Ints
 from scarfmt.blocks.tables import fit_table
 from scarfmt.entropy.emitters import Emitter, SymbolCounter, SymbolWriter
-from scarfmt.entropy.keys import StepKey, TableKey
+from scarfmt.entropy.keys import TableKey
 from scarfmt.entropy.recorded import SymbolRecorder
 from scarfmt.entropy.symbol_reader import SymbolReader
+from scarfmt.entropy.symbol_tables import SymbolTable
 from scarfmt.errors import InvalidInput, Malformed
-from tests.samples.codec_samples import EDGE, MOST_KINDS, STEP, Recorder, coded, emitting, many_groups, refuses
+from tests.samples.codec_samples import EDGE, Recorder, coded, emitting, many_groups, refuses
 
 KEY = TableKey(3, 1, 2, 7)
 
@@ -116,10 +117,10 @@ def test_symbols_left_in_a_stream_break_the_seal() -> None:
     assert caught.value.refusal == "rans-seal"
 
 
-def one_by_one(counter: SymbolCounter, key: StepKey, kinds: Ints, values: Ints) -> None:
+def one_by_one(emitter: Emitter, contexts: Ints, values: Ints) -> None:
     """Each group by itself."""
-    for kind in np.unique(kinds).tolist():
-        counter.emit(key.table(kind), values[kinds == kind])
+    for context in np.unique(contexts).tolist():
+        emitter.emit(KEY._replace(context=context), values[contexts == context])
 
 
 def same_histograms(a: SymbolCounter, b: SymbolCounter) -> None:
@@ -133,32 +134,35 @@ def same_histograms(a: SymbolCounter, b: SymbolCounter) -> None:
 
 
 @settings(deadline=None, max_examples=150)
-@given(st.lists(st.tuples(many_groups(), st.booleans(), st.booleans()), max_size=5))
-def test_counting_many_groups_at_once_is_counting_each(
-    calls: list[tuple[tuple[Ints, Ints], bool, bool]],
-) -> None:
-    """Counts are equal for groups of repeated tables, counted at once or one by one, in wide and in narrow steps."""
+@given(st.lists(st.tuples(many_groups(), st.booleans()), max_size=5))
+def test_what_is_recorded_is_counted_as_each_group_is(calls: list[tuple[tuple[Ints, Ints], bool]]) -> None:
+    """Counts are equal for groups of repeated tables, recorded or given one by one, wide and narrow."""
     mixed, plain = SymbolCounter(), SymbolCounter()
-    for (kinds, values), together, shifted in calls:
-        # Component 1 of one step is component 0 of the other: the same tables under other kinds.
-        key = StepKey(3, (*range(1, 64), 0), 2) if shifted else STEP
-        one_by_one(plain, key, kinds, values)
-        if together:
-            mixed.emit_grouped(key, kinds, values)
+    for (contexts, values), recorded in calls:
+        one_by_one(plain, contexts, values)
+        if recorded:
+            recorder = SymbolRecorder(mixed)
+            recorder.emit_uniform(4, values[:1] & 3)
+            recorder.emit_by_context(KEY, contexts, values)
+            recorder.settled()
         else:
-            one_by_one(mixed, key, kinds, values)
+            one_by_one(mixed, contexts, values)
     same_histograms(mixed, plain)
 
 
-@pytest.mark.parametrize(("kinds", "wide"), [(1, 1 << 16), (1, (1 << 16) + 1), (256, 256), (256, 257), (MOST_KINDS, 4)])
-@pytest.mark.parametrize("low", [-EDGE, -5, 0, EDGE - (1 << 17)])
-def test_counts_on_both_sides_of_what_is_counted_without_sorting(kinds: int, wide: int, low: int) -> None:
-    """The first and the last kind with the least and the greatest value."""
-    ends = np.array([(kind, value) for kind in (0, kinds - 1) for value in (low, low + wide - 1)] * 3).T
-    grouped, plain = SymbolCounter(), SymbolCounter()
-    grouped.emit_grouped(STEP, ends[0].astype(np.uint16), ends[1].astype(np.int32))
-    one_by_one(plain, STEP, *ends)
-    same_histograms(grouped, plain)
+@pytest.mark.parametrize("wide", [1, 1 << 15, 1 << 17])
+def test_counting_goes_on_where_more_symbols_differ_than_there_is_room_for(wide: int) -> None:
+    """Many alphabets of wide values: groups come when the room is used up, and when none was made."""
+    rng = np.random.default_rng(wide)
+    counter, plain = SymbolCounter(), SymbolCounter()
+    for _ in range(6):
+        contexts, values = rng.integers(0, 256, 1 << 15), rng.integers(-wide, wide + 1, 1 << 15).astype(np.int32)
+        recorder = SymbolRecorder(counter)
+        for part in np.split(np.arange(1 << 15), 4):
+            recorder.emit_by_context(KEY, contexts[part], values[part])
+        recorder.settled()
+        plain.emit_by_context(KEY, contexts, values)
+    same_histograms(counter, plain)
 
 
 @pytest.mark.parametrize("value", [1 << 31, -(1 << 31) - 1, 1 << 32, 1 << 33, -(1 << 62)])
@@ -166,28 +170,39 @@ def test_values_beyond_32_bits_are_not_counted_as_others(value: int) -> None:
     """Wrapped to 32 bits, such values would be counted as other values."""
     for emitter in (SymbolCounter(), SymbolRecorder(SymbolCounter())):
         with pytest.raises(InvalidInput) as caught:
-            emitter.emit_grouped(STEP, np.array([0, 3]), np.array([7, value]))
+            emitter.emit_by_context(KEY, np.array([3, 3]), np.array([7, value]))
         assert caught.value.refusal == "input-symbol"
 
 
 @settings(deadline=None, max_examples=60)
 @given(st.lists(many_groups(), max_size=3))
 def test_writers_and_recorders_of_many_groups(calls: list[tuple[Ints, Ints]]) -> None:
-    """Groups give the same bytes at once, later, and one by one; a reader finds the values in their places."""
+    """Groups give the same bytes later as at once; a reader finds the values in their places."""
     counter = SymbolCounter()
     recorder = SymbolRecorder(counter)
-    for kinds, values in calls:
-        recorder.emit_grouped(STEP, kinds, values)
+    for contexts, values in calls:
+        recorder.emit_by_context(KEY, contexts, values)
+        recorder.emit_uniform(4096, values & 4095)
     recorded = recorder.settled()
     known = {key: fit_table(*histogram) for key, histogram in counter.histograms().items()}
-    together, each = SymbolWriter(known), SymbolWriter(known)
-    for kinds, values in calls:
-        together.emit_grouped(STEP, kinds, values)
-        for kind in np.unique(kinds).tolist():
-            each.emit(STEP.table(kind), values[kinds == kind])
-    data = together.finish()
-    assert data == each.finish() == recorded.code(known)
+    writer = SymbolWriter(known)
+    for contexts, values in calls:
+        writer.emit_by_context(KEY, contexts, values)
+        writer.emit_uniform(4096, values & 4095)
+    data = writer.finish()
+    assert data == recorded.code(known)
     reader = SymbolReader(data, known)
-    for kinds, values in calls:
-        assert reader.read_grouped(STEP, kinds).tolist() == values.tolist()
+    for contexts, values in calls:
+        assert reader.read_by_context(KEY, contexts).tolist() == values.tolist()
+        assert reader.read_uniform(4096, len(values)).tolist() == (values & 4095).tolist()
     reader.finish()
+
+
+@pytest.mark.parametrize("table", [{}, {KEY: fit_table(np.array([1, 5]), np.array([1, 1]))}])
+def test_symbols_without_a_place_in_a_table_are_not_coded(table: dict[TableKey, SymbolTable]) -> None:
+    """They would be coded as others."""
+    recorder, writer = SymbolRecorder(SymbolCounter()), SymbolWriter(table)
+    recorder.emit(KEY, np.array([1, 3]))
+    recorded = recorder.settled()
+    refuses("input-symbol", lambda: writer.emit(KEY, np.array([1, 3])))
+    refuses("input-symbol", lambda: recorded.code(table))

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from scarfmt.arrays import Ints
 from scarfmt.blocks.tables import fit_table, pack_table
 from scarfmt.entropy.emitters import Emitter, SymbolCounter, SymbolWriter
-from scarfmt.entropy.keys import StepKey, TableKey
+from scarfmt.entropy.keys import CONTEXTS, TableKey
 from scarfmt.entropy.symbol_reader import SymbolReader
 from scarfmt.entropy.symbol_tables import SymbolTable
 from scarfmt.errors import ScarError
@@ -87,15 +87,13 @@ class Recorder(Emitter):
 
 
 EDGE = 2**31 - 1
-STEP = StepKey(3, tuple(range(64)), 2)
-MOST_KINDS = 64 * 256
 
 
 @st.composite
 def many_groups(draw: st.DrawFn) -> tuple[NDArray[np.integer[Any]], NDArray[np.integer[Any]]]:
-    """Kinds and values of one call: few cells or many, values close together or at the ends of 32 bits."""
+    """Contexts and values of one call: few cells or many, values close together or at the ends of 32 bits."""
     rng = np.random.default_rng(draw(st.integers(0, 2**32 - 1)))
-    count, kinds = draw(st.integers(1, 80)), draw(st.sampled_from([1, 3, 256, MOST_KINDS]))
+    count, kinds = draw(st.integers(1, 80)), draw(st.sampled_from([1, 3, CONTEXTS]))
     reach = draw(st.sampled_from([0, 1, 40, 30_000, 1 << 15, EDGE]))
     middle = draw(st.sampled_from([0, -EDGE + reach, EDGE - reach]))
     values = middle + rng.integers(-reach, reach + 1, count)
