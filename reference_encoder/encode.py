@@ -215,7 +215,7 @@ class Encoder:
     def _psnr_db(self, trial: Trial) -> float:
         self._report()
         found = self._judge.quality(self.profile.reconstruct(trial.scene))
-        return found.mean_db if self.profile.options.worst is None else found.low_db
+        return found.rated_db if self.profile.options.worst is None else found.low_db
 
     def _report(self) -> None:
         """Report that the fit goes on. How many trials it takes is not known: each is a third of what is left."""

@@ -77,12 +77,22 @@ LOW_VIEWS = 3
 CLOSE_PART, CLOSE_DEG = 0.02, 2.0
 """How far beside given cameras views are that stand for them: eyes by this part of the scene's radius, directions by so
 many degrees [0025]."""
-MOST_DB, MOST_ABOVE_DB = 70.0, 15.0
-"""Maximum PSNR that one picture counts for, dB; and the least distance of this maximum from the target [0025]."""
+JUDGED_SHARES = {"orbit": 0.3, "near": 0.2, "inside": 0.5}
+"""How much each kind of judging view counts: as many places lie within a scene as without [0058]."""
+LIT, LIT_SHARE = 2 / 255, 0.05
+"""A judging view counts if this share of its pixels has a channel brighter than that: pictures of next to nothing are
+right whatever a file holds [0058]."""
+MOST_ABOVE_DB = 15.0
+"""How far above the target one picture counts at most, dB [0025, 0058]."""
+MEAN_ABOVE_DB = 1.5
+"""How far above the target the mean may go for the sake of the 5th percentile, dB [0058]."""
 WORST_BELOW_DB = 8.0
 """About how far the 5th percentile lies below the mean: where the search for a floor begins [0025]."""
-KIND_BELOW_DB, LOW_BELOW_DB = 3.0, 5.0
-"""How far the mean of a kind, and the 5th percentile, may lie below what was asked before it is said [0025]."""
+KIND_BELOW_DB, LOW_BELOW_DB = 3.0, 6.0
+"""How far the mean of a kind may lie below what was asked before it is said; and how far the 5th percentile may before
+lambda is lowered for it [0025, 0058]."""
+GROWTH_A_DB = 0.07
+"""About how much larger a file is that is a dB better: a share of its bytes [0058]."""
 FIRST_SLOPE, LEAST_SLOPE, GREATEST_SLOPE = 1.1, 0.5, 2.0
 """dB found per dB aimed at: as a rule, at least and at most [0017, 0057]."""
 MOST_UP_DB, MOST_DOWN_DB = 6.0, 15.0

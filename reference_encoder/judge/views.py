@@ -18,6 +18,7 @@ from reference_encoder.tuning import (
     JITTER_DEG,
     JITTER_PART,
     JUDGED_SAMPLES,
+    JUDGED_SHARES,
     LEAST_JUDGED_VIEWS,
     LOW_VIEWS,
     TUNING_SEED,
@@ -25,9 +26,6 @@ from reference_encoder.tuning import (
 from scarfmt.render.camera import Camera
 from scarfmt.render.viewpoints import KINDS, Surroundings, Upright, beside, viewpoints
 from scarfmt.scene.gaussians import GaussianScene
-
-EVEN_SHARES = {kind: 1 / len(KINDS) for kind in KINDS}
-"""Nobody knows where somebody will stand."""
 
 
 class ViewSet(IntEnum):
@@ -68,7 +66,7 @@ def judging_views(scene: GaussianScene, options: EncodeOptions, up: Upright, vie
         for kind in KINDS
     }
     if not options.cameras:
-        return Views(everywhere, EVEN_SHARES)
+        return Views(everywhere, JUDGED_SHARES)
     given = [camera for camera in options.cameras if camera.split != "test"] or list(options.cameras)
     given = [given[number * len(given) // views] for number in range(views)]
     close = _sample_pixels(beside(given, CLOSE_PART * around.radius, CLOSE_DEG, view_set))
@@ -76,7 +74,7 @@ def judging_views(scene: GaussianScene, options: EncodeOptions, up: Upright, vie
         return Views({GIVEN: close}, {GIVEN: 1.0})
     near = _sample_pixels(beside(given, JITTER_PART * around.radius, JITTER_DEG, view_set))
     rest = 1 - GIVEN_SHARE - BESIDE_SHARE
-    shares = {GIVEN: GIVEN_SHARE, BESIDE: BESIDE_SHARE, **{kind: rest * part for kind, part in EVEN_SHARES.items()}}
+    shares = {GIVEN: GIVEN_SHARE, BESIDE: BESIDE_SHARE, **{kind: rest * part for kind, part in JUDGED_SHARES.items()}}
     return Views({GIVEN: close, BESIDE: near, **everywhere}, shares)
 
 

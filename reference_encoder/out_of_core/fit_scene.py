@@ -49,7 +49,7 @@ def fit_scene(overview: Overview, samples: Sequence[Sample], judge: Callable[[Fi
 
     def decibels(fit: Fit) -> float:
         found = combine_quality(overview, judge(fit))
-        return found.mean_db if options.worst is None else found.low_db
+        return found.rated_db if options.worst is None else found.low_db
 
     def fit(quality: float) -> Fit:
         return fit_sample(overview, sampled, quality)
