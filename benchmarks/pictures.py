@@ -1,6 +1,6 @@
 """Sheets of the layers of a scene: docs/images/plush-toys-layers.jpg for README.md, others for a look at them.
 
-    python -m benchmarks.pictures [--scenes NAME ...] [--quality 47] [--effort 2] [--short] [--no-write]
+    python -m benchmarks.pictures [--scenes NAME ...] [--quality 47] [--short] [--no-write]
 
 Uses the file that `benchmarks.quality` left in build/benchmarks/, or encodes it. Sheets of other scenes are written
 there too; with --no-write, all are.
@@ -18,6 +18,7 @@ from benchmarks.encode_cache import encode_scene
 from benchmarks.judge import judge
 from benchmarks.report import SCRATCH, add_arguments
 from benchmarks.scenes import REPOSITORY, Scene, select_scenes
+from reference_encoder.options import EncodeOptions
 from scarfmt.arrays import F32
 from scarfmt.cli.scenes import Subject, layer_table, load_subject
 from scarfmt.render.camera import Camera
@@ -43,9 +44,9 @@ def draw_part(subject: Subject, view: Camera) -> F32:
     return subject.picture(camera)[top : top + HEIGHT, left : left + WIDTH]
 
 
-def draw_sheet(scene: Scene, quality: float, effort: int, publish: bool = True) -> Path:
+def draw_sheet(scene: Scene, quality: float, publish: bool = True) -> Path:
     """Draw the sheet of one scene: its layers with bytes per Gaussian, mean and worst PSNR, then the source."""
-    path = encode_scene(scene, quality, effort)["path"]
+    path = encode_scene(scene, quality, EncodeOptions().effort)["path"]
     original = load_subject(str(scene.path)).remembering()
     views = scene.views(original)
     view = next((view.camera for view in views if view.kind == "capture"), views[0].camera)
@@ -71,12 +72,11 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     add_arguments(parser)
     parser.add_argument("--quality", type=float)
-    parser.add_argument("--effort", type=int)
     arguments = parser.parse_args()
     short = arguments.short
-    quality, effort = arguments.quality or (45.0 if short else 47.0), arguments.effort or (1 if short else 2)
+    quality = arguments.quality or (45.0 if short else 47.0)
     for scene in select_scenes(arguments.scenes or [PUBLISHED]):
-        target = draw_sheet(scene, quality, effort, publish=not arguments.no_write)
+        target = draw_sheet(scene, quality, publish=not arguments.no_write)
         print(f"{target.relative_to(REPOSITORY)}: {target.stat().st_size:,} bytes", file=sys.stderr)
 
 

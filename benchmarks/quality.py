@@ -61,7 +61,8 @@ NAME, RIVALS, EXAMPLE = "quality", "rivals", "example"
 README, EXAMPLES = REPOSITORY / "README.md", REPOSITORY / "examples"
 QUALITIES, HEADLINE = (41.0, 47.0), 47.0
 """Measured layer by layer; README.md and the table of streams show the second."""
-HEADLINE_NAMES = f" q{HEADLINE:g} e2"
+DEFAULT_EFFORT = EncodeOptions().effort
+HEADLINE_NAMES = f" q{HEADLINE:g} e{DEFAULT_EFFORT}"
 """How the names of the files in README.md end in the results."""
 FINE = {
     **dict.fromkeys(("plush-toys", "plush-dog", "fruit-drops", "flower-tile"), 52.0),
@@ -208,7 +209,7 @@ def make_asked_table(runs: Sequence[Run]) -> str:
         rows.append(
             [
                 title(run["scene"]),
-                f"{goal:g}" + ("" if run["effort"] == 2 else f", effort {run['effort']}"),
+                f"{goal:g}" + ("" if run["effort"] == DEFAULT_EFFORT else f", effort {run['effort']}"),
                 f"{last['bytes_per_source']:.2f}",
                 _bold(last["psnr_db"], abs(last["psnr_db"] - goal) <= MEAN_WITHIN),
                 _bold(last["p5_psnr_db"], last["p5_psnr_db"] >= goal - LOW_BELOW),
@@ -244,7 +245,7 @@ def _stream_bytes(run: Run, kind: str) -> int:
 
 def make_headline(runs: Sequence[Run], rivals: dict[str, Run]) -> str:
     """The table of README.md, one file a scene beside two rivals, and the ratios at equal quality."""
-    headlines = [run for run in sort_runs(runs) if run["quality"] == HEADLINE and run["effort"] == 2]
+    headlines = [run for run in sort_runs(runs) if run["quality"] == HEADLINE and run["effort"] == DEFAULT_EFFORT]
     known = [run for run in headlines if run["profile"] != "anchor" and run["scene"] in rivals]
     head = ["scene", "SH", "source, kB", "`.scar`, kB", "mean / worst, dB"]
     for name in SHOWN_RIVALS:
@@ -352,7 +353,7 @@ def main() -> None:
     parser.add_argument("--example", action="store_true", help="only record the example scene")
     parser.add_argument("--report", action="store_true", help="measure nothing, rewrite the tables")
     arguments = parser.parse_args()
-    effort = arguments.effort or (1 if arguments.short else 2)
+    effort = DEFAULT_EFFORT if arguments.effort is None else arguments.effort
     keep = not arguments.no_write
     if arguments.example:
         record_example(keep)

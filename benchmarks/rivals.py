@@ -24,8 +24,8 @@ from typing import Any
 from benchmarks.encode_cache import DRAWING, file_key, judging_key, source_key
 from benchmarks.judge import LEVELS, LOSSLESS_DB, Row, equal_bytes, format_levels, judge, measure_photos_psnr, smallest
 from benchmarks.plots import COLOURS, MARKERS, new_plot, save_plot
+from benchmarks.quality import DEFAULT_EFFORT, SHOWN_RIVALS, sort_runs, title
 from benchmarks.quality import NAME as QUALITY
-from benchmarks.quality import SHOWN_RIVALS, sort_runs, title
 from benchmarks.report import RESULTS_PAGE, add_arguments, add_provenance, load_results, replace_section, save_results
 from benchmarks.report import table as make_table
 from benchmarks.rivals_formats import FAMILIES, Format, list_formats, measure_reading, read
@@ -171,8 +171,8 @@ def _pictures(scene: Scene, how: Judge, path: Path, rival: Format) -> dict[str, 
 
 
 def join_quality(runs: Sequence[Run]) -> list[Run]:
-    """Runs of rivals with the effort-2 files of `benchmarks.quality` of the same scenes under ``scar``."""
-    files = [run for run in sort_runs(list(load_results(QUALITY).values())) if run["effort"] == 2]
+    """Runs of rivals with the default files of `benchmarks.quality` of the same scenes under ``scar``."""
+    files = [run for run in sort_runs(list(load_results(QUALITY).values())) if run["effort"] == DEFAULT_EFFORT]
     return [{**run, "scar": [file for file in files if file["scene"] == run["scene"]]} for run in runs]
 
 

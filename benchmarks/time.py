@@ -48,7 +48,7 @@ from scarfmt.api import decode_scene
 from scarfmt.cli.scenes import load_subject
 
 NAME = "time"
-QUALITIES, EFFORT, ROUNDS = (41.0, 47.0), 2, 2
+QUALITIES, EFFORT, ROUNDS = (41.0, 47.0), 1, 2
 SHORT_SCENES, SHORT_QUALITIES = ("plush-toys",), (45.0, 47.0)
 SCENES = ("plush-toys", "plush-on-bed", "flowers")
 PICTURE_QUALITIES = {"flowers": 41.0, "plush-dog": 41.0, "biker": 41.0}
@@ -73,7 +73,7 @@ def measure_decoding(scene: Scene, short: bool) -> dict[str, Record]:
     """Bytes, error and decode time of the first layer, the first two, and so on, at each quality."""
     found = {}
     for quality in SHORT_QUALITIES[:1] if short else QUALITIES:
-        path = encode_scene(scene, quality, 1 if short else EFFORT)["path"]
+        path = encode_scene(scene, quality, EFFORT)["path"]
         layers = measure_layers(scene, Path(path))["layers"]
         jobs: dict[str, child.Job] = {
             f"{number} {threads}": {"job": "decode", "file": path, "threads": threads, "layers": number}

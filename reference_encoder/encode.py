@@ -26,7 +26,7 @@ from reference_encoder.judge.quality import Judge, Quality
 from reference_encoder.judge.rate_control import RateControl
 from reference_encoder.judge.reconstruct import reconstruct_preview
 from reference_encoder.judge.views import ViewSet
-from reference_encoder.options import EFFORTS, EncodeOptions
+from reference_encoder.options import EncodeOptions
 from reference_encoder.profiles.anchors import AnchorProfile
 from reference_encoder.profiles.explicit import ExplicitProfile
 from reference_encoder.profiles.profile import Profile
@@ -177,7 +177,7 @@ class Encoder:
     def _previews(self) -> bool:
         """Whether pictures decide what layers hold."""
         options = self.profile.options
-        return options.layers > 1 and EFFORTS[options.effort].previews_layers and self.profile.preview is not None
+        return options.layers > 1 and bool(options.effort) and self.profile.preview is not None
 
     def _allocate(self, layered: LayeredInput) -> Trial:
         allocation = allocate(layered.problem, layered.curves, layered.choices)

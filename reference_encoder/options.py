@@ -21,7 +21,7 @@ DEFAULT_RANGE, MIN_RANGE = 1_000_000, 1000
 """Gaussians of a range, where a scene is encoded in ranges: about a gigabyte of memory at effort 1."""
 
 STAGES = {"visibility": 0.17, "fit": 0.6, "quality": 0.15, "code": 0.08}
-"""What `encode` reports, in order, with the part of the time that each stage takes of 14,428 Gaussians at effort 2."""
+"""What `encode` reports, in order, with the part of the time that each stage takes of 14,428 Gaussians at effort 1."""
 
 
 @dataclass(frozen=True)
@@ -33,12 +33,11 @@ class EncodeOptions:
             are drawn that nothing was decided by; 20..80.
         worst: dB that 19 of 20 of the views have by which results are judged (their 5th percentile), in place of a
             mean; 20..80, or None.
-        effort: 0 a draft that weighs Gaussians by size and opacity and looks at nothing but the result; 1 fast; 2
-            default: twice as many views, and layers chosen from pictures.
+        effort: 0 a draft that weighs Gaussians by size and opacity and looks at nothing but the result; 1 a survey,
+            and layers chosen from pictures; 2 a survey of twice as many views.
         corrections: how often at most lambda is corrected by what pictures of the result show, 0..10; 0 takes the
             predicted one, None what `effort` says.
-        layers: most layers, 1..16. The first takes about a quarter of the bytes, from effort 2 as few as give a picture
-            of 25 dB.
+        layers: most layers, 1..16. The first takes as few bytes as give a picture of 25 dB, of a draft about a quarter.
         cameras: views that matter most, e.g. those of the photos; None for everywhere alike.
         only_cameras: whether nothing but `cameras` matters: what they do not see is coarse or gone.
         frame: up axis, or UP:CENTRE_DEG:SPAN_DEG for a scene seen from one side; "auto" for the up axis that the
@@ -55,7 +54,7 @@ class EncodeOptions:
 
     quality: float = 45.0
     worst: float | None = None
-    effort: int = 2
+    effort: int = 1
     corrections: int | None = None
     layers: int = 5
     cameras: Sequence[Camera] | None = None
@@ -107,19 +106,17 @@ class Effort:
         judged_views: small pictures of each kind a result is judged by.
         judged_gaussians: fewer, if a source of so many Gaussians would be drawn more than once for each kind.
         corrections: of lambda, by what these show.
-        previews_layers: whether pictures decide what layers hold.
     """
 
     survey_views: int
     judged_views: int
     judged_gaussians: int
     corrections: int
-    previews_layers: bool
 
 
 EFFORTS = {
-    0: Effort(survey_views=0, judged_views=8, judged_gaussians=0, corrections=0, previews_layers=False),
-    1: Effort(survey_views=96, judged_views=48, judged_gaussians=5_000_000, corrections=3, previews_layers=False),
-    2: Effort(survey_views=192, judged_views=48, judged_gaussians=5_000_000, corrections=3, previews_layers=True),
+    0: Effort(survey_views=0, judged_views=8, judged_gaussians=0, corrections=0),
+    1: Effort(survey_views=96, judged_views=48, judged_gaussians=5_000_000, corrections=3),
+    2: Effort(survey_views=192, judged_views=48, judged_gaussians=5_000_000, corrections=3),
 }
 """By level."""

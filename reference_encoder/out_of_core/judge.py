@@ -14,7 +14,7 @@ from itertools import chain
 
 import numpy as np
 
-from reference_encoder.judge.quality import Quality, cap_db
+from reference_encoder.judge.quality import Quality, cap_db, shows_something
 from reference_encoder.judge.reconstruct import reconstruct_gaussians
 from reference_encoder.judge.views import ViewSet
 from reference_encoder.out_of_core.fit import Fit, apply
@@ -37,7 +37,7 @@ class Pictures:
         view_set: which views.
         scene, measured: the Gaussians that the range is judged by, and what they weigh.
         runs: the first of their runs in the range, and the one past the last.
-        views: (V,) int64 which of them, all kinds one after another.
+        views: (V,) int64 which of them, all kinds one after another; none that shows next to nothing.
         pictures: (height, width, 3) float32 of each.
         cover: (V,) float64 part of what each shows that the range makes up.
     """
@@ -87,7 +87,7 @@ def render_pictures(
     for picture, whose in each_view(partial(render_with, drawable, colours=own), looked):
         here, whole, _ = whose.sum(axis=(0, 1), dtype=np.float64)
         shown.append(picture)
-        cover.append(here / max(whole, 1e-300))
+        cover.append(here / max(whole, 1e-300) * shows_something(picture))
     seen = np.flatnonzero(np.array(cover) > 0)
     return Pictures(view_set, scene, measured, runs, views[seen], [shown[k] for k in seen], np.array(cover)[seen])
 

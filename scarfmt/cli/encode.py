@@ -39,7 +39,7 @@ STEPS = {"read": 0.02, **STAGES}
 PRESETS: dict[str, dict[str, Any]] = {
     "web": {},
     "archive": {"quality": 55.0},
-    "preview": {"quality": 36.0, "effort": 1},
+    "preview": {"quality": 36.0},
 }
 """Options by what the file is for."""
 
@@ -96,8 +96,8 @@ _ENDING = ".scar"
 @click.option(
     "--preset",
     type=click.Choice(list(PRESETS)),
-    help="web: to look at, the defaults. archive: closer to the source, and larger: --quality 55. preview: small and"
-    " quickly made: --quality 36 --effort 1. Options given beside it win.",
+    help="web: to look at, the defaults. archive: closer to the source, and larger: --quality 55. preview: small:"
+    " --quality 36. Options given beside it win.",
 )
 @click.option(
     "--quality",
@@ -115,8 +115,8 @@ _ENDING = ".scar"
 @click.option(
     "--effort",
     type=click.IntRange(min(EFFORTS), max(EFFORTS)),
-    help="Time spent on a smaller file. 0: a draft, in seconds. 1: fast. 2: twice as many views, and layers chosen from"
-    f" pictures [default: {DEFAULTS.effort}].",
+    help="Time spent on a smaller file. 0: a draft, without a survey. 1: a survey from 96 places. 2: from twice as"
+    f" many, for files about 3 % smaller [default: {DEFAULTS.effort}].",
 )
 @click.option(
     "--corrections",

@@ -11,7 +11,7 @@ from reference_encoder.importance.view_sampling import BESIDE, GIVEN, sample_vie
 from reference_encoder.judge.quality import Judge, Quality, cap_db, draw_gaussians
 from reference_encoder.judge.views import Views, ViewSet, judging_views, views_of_kind
 from reference_encoder.options import EFFORTS, EncodeOptions
-from reference_encoder.tuning import LEAST_JUDGED_VIEWS
+from reference_encoder.tuning import JUDGED_SHARES, LEAST_JUDGED_VIEWS
 from scarfmt.render.camera import Camera, look_at, orbit_cameras
 from scarfmt.render.viewpoints import KINDS, resolved
 from scarfmt.scene.gaussians import GaussianScene
@@ -50,15 +50,16 @@ def test_survey_loop_and_report_look_from_different_places(
     assert not loop & report
 
 
-def test_kinds_of_places_count_alike_and_cameras_as_in_the_sample_views(scene: GaussianScene) -> None:
-    """Nobody knows where somebody will stand; with cameras mostly there and beside; with nothing else, nothing else."""
+def test_kinds_of_places_count_by_shares_and_cameras_as_in_the_survey(scene: GaussianScene) -> None:
+    """Everywhere by the shares of its kinds; with cameras mostly there and beside; with nothing else, nothing else."""
     cameras = orbit_cameras(scene, 9)
     for options in (EncodeOptions(), EncodeOptions(cameras=cameras), EncodeOptions(cameras=cameras, only_cameras=True)):
         views = _views(scene, options, ViewSet.TUNING)
         surveyed = sample_views(scene, options).shares
         assert set(views.cameras) == set(views.shares) == set(surveyed)
         assert sum(views.shares.values()) == pytest.approx(1)
-        assert len({views.shares[kind] for kind in KINDS if kind in views.shares}) <= 1
+        everywhere = sum(views.shares.get(kind, 0.0) for kind in KINDS)
+        assert all(views.shares.get(kind, 0.0) == pytest.approx(everywhere * JUDGED_SHARES[kind]) for kind in KINDS)
         assert all(views.shares[kind] == surveyed[kind] for kind in (GIVEN, BESIDE) if kind in surveyed)
 
 
@@ -108,6 +109,36 @@ def test_views_that_show_nothing_do_not_count(scene: GaussianScene) -> None:
     nothing = Judge.of(scene, draw_gaussians, Views({"near": [seen(-1)]}, {"near": 1.0})).quality(scene)
     assert nothing.mean_db == nothing.worst_db == nothing.low_db == np.inf
     assert nothing.figures() == {"views": 0, "kinds": {}}
+
+
+def test_views_of_next_to_nothing_do_not_count(scene: GaussianScene) -> None:
+    """A picture that is nearly black is right whatever a file holds; it counts only where all are like that."""
+
+    def seen(distance: float) -> Camera:
+        return look_at(np.array([0.0, 0, -distance]), np.zeros(3), UP, 60, 45)
+
+    near, far = seen(4), seen(400)
+    assert draw_gaussians(scene)(far).any()
+    assert len(Judge.of(scene, draw_gaussians, Views({"orbit": [near, far]}, {"orbit": 1.0})).quality(scene)) == 1
+    assert len(Judge.of(scene, draw_gaussians, Views({"orbit": [far]}, {"orbit": 1.0})).quality(scene)) == 1
+
+
+@pytest.mark.parametrize(("low", "lacking"), [(40.0, 0.0), (39.0, 1.0), (30.0, 1.5)])
+def test_a_low_5th_percentile_counts_against_the_mean(low: float, lacking: float) -> None:
+    """What it lacks of lying 6 dB below the mean is taken from that, 1.5 dB at most."""
+    rest = np.full(19, (20 * 46.0 - low) / 19)
+    found = Quality({"orbit": np.append(rest, low)}, {"orbit": 1.0})
+    assert found.mean_db == pytest.approx(46)
+    assert found.rated_db == pytest.approx(46 - lacking)
+
+
+def test_what_a_better_5th_percentile_costs_is_said() -> None:
+    """The option that raises it, and by how much the file grows."""
+    found = Quality({"orbit": np.append(np.full(19, 46.0), 30.0)}, {"orbit": 1.0})
+    (said,) = found.shortfalls(45)
+    assert "--worst 39" in said
+    assert "84 %" in said
+    assert Quality({"orbit": np.full(20, 45.0)}, {"orbit": 1.0}).shortfalls(45) == []
 
 
 def test_kinds_count_by_their_shares() -> None:
