@@ -26,6 +26,7 @@ from reference_encoder.judge.quality import Judge, Quality
 from reference_encoder.judge.rate_control import RateControl
 from reference_encoder.judge.reconstruct import reconstruct_preview
 from reference_encoder.judge.views import ViewSet
+from reference_encoder.opening_view import find_opening_view
 from reference_encoder.options import EncodeOptions
 from reference_encoder.profiles.anchors import AnchorProfile
 from reference_encoder.profiles.explicit import ExplicitProfile
@@ -45,8 +46,9 @@ from reference_encoder.rdo.layers import (
 )
 from reference_encoder.rdo.rdo_input import RdoInput
 from reference_encoder.streaming_block import build_streaming_block
+from reference_encoder.thumbnail import thumbnail_blocks
 from reference_encoder.tuning import FIRST_CAP_DB
-from scarfmt.coding.writer import QuantisedScene, Report, silent, write_scene
+from scarfmt.coding.writer import QuantisedScene, Report, assemble_file, code_blocks, silent
 from scarfmt.errors import InvalidInput, LossWarning, plural
 from scarfmt.limits import MAX_ANCHORS_PER_TILE
 from scarfmt.render.camera import warn_if_cameras_miss_scene
@@ -105,10 +107,13 @@ def encode(
     quantised = Encoder(profile).run().scene
     drawn = profile.reconstruct(quantised)
     report("quality", 0.0)
-    quality = profile.judge(ViewSet.HELD_OUT).quality(drawn)
-    block = build_streaming_block(quantised, drawn, profile.options)
-    quantised = replace(quantised, metadata={"quality": quality.figures(), **quantised.metadata}, streaming=block)
-    return Encoded.of(write_scene(quantised, report), quality)
+    judge = profile.judge(ViewSet.HELD_OUT)
+    quality, opening = judge.quality(drawn), find_opening_view(drawn, profile.options)
+    streaming = build_streaming_block(quantised, drawn, opening)
+    quantised = replace(quantised, metadata={"quality": quality.figures(), **quantised.metadata}, streaming=streaming)
+    blocks = code_blocks(quantised, report)
+    blocks += thumbnail_blocks(judge.view(drawn), opening, blocks)
+    return Encoded.of(assemble_file(quantised, blocks), quality)
 
 
 def _without_far(scene: GaussianScene) -> GaussianScene:

@@ -3,42 +3,34 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 
 import numpy as np
 
-from reference_encoder.options import EncodeOptions
 from scarfmt.arrays import F64
 from scarfmt.blocks.streaming import REACH_OF_SIDE, REACH_STEPS, Levels, Streaming, View
 from scarfmt.coding.writer import QuantisedScene
 from scarfmt.container.directory import tile_table
 from scarfmt.render.camera import Camera
-from scarfmt.render.viewpoints import Surroundings
 from scarfmt.scene.gaussians import AnchorModel, GaussianScene
 from scarfmt.view_planning import cubes
 
 _BULK = 0.9
 """Share of the visible content of a tile that sticks out of its box no further than its reach."""
 _DEVIATIONS = 2.0
-_FIRST_ELEVATION, _FIRST_DISTANCE = 20.0, 1.6
-_NEIGHBOURHOOD = 8
-"""A first camera is amid its nearest neighbours, so many times fewer than all."""
 
 
 def build_streaming_block(
-    scene: QuantisedScene, drawn: GaussianScene | AnchorModel, options: EncodeOptions
-) -> Streaming | None:
-    """The block of a file; None for a single tile, of which there is no choice, where no cameras are known.
+    scene: QuantisedScene, drawn: GaussianScene | AnchorModel, opening: Camera
+) -> Streaming:
+    """The block of a file.
 
     Args:
         scene: all integers of the file.
         drawn: what a decoder makes of them, in file order.
-        options: `cameras` and `frame` of the encoder.
+        opening: the view to begin with.
     """
-    if len(scene.tiles) < 2 and not options.cameras:
-        return None
     low, high, reach = _boxes(scene, drawn)
-    return Streaming(low, high, reach, _first_view(place_anchors(drawn), options))
+    return Streaming(low, high, reach, _view(opening, place_anchors(drawn).positions))
 
 
 def place_anchors(scene: GaussianScene | AnchorModel) -> GaussianScene:
@@ -89,23 +81,10 @@ def _quantile(values: F64, weights: F64) -> float:
     return float(values[order][min(int(np.searchsorted(total, _BULK * total[-1])), len(order) - 1)])
 
 
-def _first_view(scene: GaussianScene, options: EncodeOptions) -> View:
-    """A view to begin with: that of the camera amid most of those given, else from outside and a little above."""
-    around = Surroundings.of(scene, options.frame)
-    if options.cameras:
-        camera = _middle_camera([camera for camera in options.cameras if camera.split != "test"] or options.cameras)
-    else:
-        eye = around.middle + _FIRST_DISTANCE * around.radius * around.direction(0.5, _FIRST_ELEVATION)
-        camera = around.camera(eye, around.middle, "first")
+def _view(camera: Camera, positions: F64) -> View:
+    """A camera as the block has it: it looks at what is as far ahead as the middle of the scene."""
+    low, middle, high = np.percentile(positions, (10, 50, 90), axis=0)
     forward, down = camera.world_to_camera[2, :3], camera.world_to_camera[1, :3]
-    ahead = max(float((around.middle - camera.centre) @ forward), 0.1 * around.radius)
+    ahead = max(float((middle - camera.centre) @ forward), 0.05 * float(np.linalg.norm(high - low)), 1e-6)
     field = 2 * math.atan(camera.height / (2 * camera.fy))
     return View(camera.centre, camera.centre + ahead * forward, -down, field)
-
-
-def _middle_camera(cameras: Sequence[Camera]) -> Camera:
-    """The camera from which the nearest eighth of all is least far."""
-    centres = np.array([camera.centre for camera in cameras])
-    nearest = len(cameras) // _NEIGHBOURHOOD
-    reached = [np.sort(np.linalg.norm(centres - centre, axis=1))[nearest] for centre in centres]
-    return cameras[int(np.argmin(reached))]

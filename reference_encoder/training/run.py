@@ -12,7 +12,7 @@ import torch
 from torch import Tensor
 
 from reference_encoder.judge.reconstruct import reconstruct_anchors
-from reference_encoder.options import EncodeOptions
+from reference_encoder.opening_view import middle_camera
 from reference_encoder.streaming_block import build_streaming_block
 from reference_encoder.training.anchors import AnchorLattice, SceneNetworks
 from reference_encoder.training.capture import Capture, Photo, pixels
@@ -277,8 +277,8 @@ class Run:
         trainer = self.trainer
         trainer.finish()
         scene = trainer.written()
-        cameras = EncodeOptions(cameras=[camera for camera, _ in trainer.views])
-        scene = replace(scene, streaming=build_streaming_block(scene, reconstruct_anchors(scene), cameras))
+        opening = middle_camera([camera for camera, _ in trainer.views])
+        scene = replace(scene, streaming=build_streaming_block(scene, reconstruct_anchors(scene), opening))
         data = smallest_file(scene, trainer.joint)
         sizes = layer_sizes(data)
         layers = tuple(

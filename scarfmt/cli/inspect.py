@@ -4,12 +4,15 @@ from __future__ import annotations
 
 from enum import IntEnum
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
-from scarfmt.cli.files import check_stdout, open_input, timeout_option
+from scarfmt.cli.files import check_stdout, open_input, open_output, timeout_option
 from scarfmt.cli.report import Report, reports
+
+if TYPE_CHECKING:
+    from scarfmt.container.source import ByteSource
 
 _HEAD_BYTES = 4096
 """Size of the first request to a URL, in bytes: larger than the longest header."""
@@ -20,20 +23,23 @@ _HEAD_BYTES = 4096
 @click.option("--metadata", is_flag=True, help="Also read and show the metadata the file carries.")
 @click.option("--models", is_flag=True, help="Also report models of symbols: tables, predictors, networks.")
 @click.option("--streaming", is_flag=True, help="Also report the data by which clients choose tiles to fetch first.")
+@click.option("--thumbnail", metavar="OUT", help="Also write the small picture in the file, WebP as a rule, to OUT.")
+@click.option("--force", is_flag=True, help="Replace OUT if it exists.")
 @timeout_option
 @reports
-def inspect(file: str, metadata: bool, models: bool, streaming: bool) -> Report:
+def inspect(file: str, metadata: bool, models: bool, streaming: bool, thumbnail: str | None, force: bool) -> Report:
     """Report what FILE holds: counts, layers, and bytes of each kind of data.
 
-    FILE is a path, a URL or - for stdin. The command reads only the header, at most 2.3 KB; --metadata, --models
-    and --streaming read more. A truncated file is not an error here. Of scenes in other formats it reports format,
-    counts and what they say about themselves.
+    FILE is a path, a URL or - for stdin. The command reads only the header, at most 2.3 KB; --metadata, --models,
+    --streaming and --thumbnail read more. A truncated file is not an error here. Of scenes in other formats it
+    reports format, counts and what they say about themselves.
 
     \b
     Examples:
       scarfmt inspect scene.scar
       scarfmt inspect https://example.org/scene.scar --metadata
       scarfmt inspect scene.scar --models
+      scarfmt inspect scene.scar --thumbnail scene.webp
       scarfmt inspect scene.scar --json | jq '.layers[].end_offset'
     """
     from scarfmt.native.binding import absence, described
@@ -42,7 +48,7 @@ def inspect(file: str, metadata: bool, models: bool, streaming: bool) -> Report:
     check_stdout()
     if (other := _other_scene(file)) is not None:
         return other
-    head_bytes = None if metadata or models or streaming else _HEAD_BYTES
+    head_bytes = None if metadata or models or streaming or thumbnail else _HEAD_BYTES
     with open_input(file, head_bytes=head_bytes) as source:
         report = inspection.inspect(source, metadata=metadata)
         if models:
@@ -54,6 +60,8 @@ def inspect(file: str, metadata: bool, models: bool, streaming: bool) -> Report:
             from scarfmt.tools.models_report import describe_streaming, format_streaming
 
             report["streaming"] = describe_streaming(Container.open(source, allow_truncated=True))
+        if thumbnail is not None:
+            _write_thumbnail(source, file, thumbnail, force)
     report["engine"] = {"name": "native" if absence() is None else "numpy", "no_native": absence()}
     parts = [f"{inspection.format_text(report)}{'engine':<17} {described()}, here"]
     if models:
@@ -63,6 +71,18 @@ def inspect(file: str, metadata: bool, models: bool, streaming: bool) -> Report:
     if streaming:
         parts.append(format_streaming(report["streaming"]).rstrip("\n"))
     return Report(report, "\n\n".join(parts), table=True)
+
+
+def _write_thumbnail(source: ByteSource, file: str, name: str, force: bool) -> None:
+    from scarfmt.container.file import Container
+    from scarfmt.errors import InvalidInput
+    from scarfmt.tools.inspection import read_thumbnail
+
+    picture = read_thumbnail(Container.open(source, allow_truncated=True))
+    if picture is None:
+        raise InvalidInput("input-options", f"{file} has no thumbnail", field="--thumbnail")
+    with open_output(name, force) as target:
+        target.write(picture)
 
 
 def _other_scene(file: str) -> Report | None:

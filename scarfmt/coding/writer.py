@@ -6,7 +6,7 @@ A layer's TABLES block holds a table only where that is cheaper than going on wi
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
@@ -186,6 +186,22 @@ def write_scene(scene: QuantisedScene, report: Report = silent) -> bytes:
         InvalidInput: ``input-container`` when the scene breaks a rule of SPEC.md, ``input-table`` when a channel
             takes more different values than a table holds.
     """
+    return assemble_file(scene, code_blocks(scene, report))
+
+
+def assemble_file(scene: QuantisedScene, blocks: Sequence[Block]) -> bytes:
+    """The bytes of a file of these blocks.
+
+    Raises:
+        InvalidInput: ``input-container`` when they break a rule of SPEC.md.
+    """
+    data = write_container(scene.fields, scene.tiles, blocks, layer_counts(scene))
+    _check_models(data)
+    return data
+
+
+def code_blocks(scene: QuantisedScene, report: Report = silent) -> list[Block]:
+    """All blocks of a file. For the arguments and errors see :func:`write_scene`."""
     _check(scene)
     layers = len(scene.model.layers)
     known = StaticTables()
@@ -201,10 +217,8 @@ def write_scene(scene: QuantisedScene, report: Report = silent) -> bytes:
         blocks += model_blocks(scene, layer, sent)
         coded = (each.block(layer, tile, known) for tile, each in enumerate(recorded))
         blocks += [block for block in coded if block is not None]
-    data = write_container(scene.fields, scene.tiles, blocks, layer_counts(scene))
-    _check_models(data)
     report("code", 1.0)
-    return data
+    return blocks
 
 
 def layer_counts(scene: QuantisedScene) -> list[tuple[int, int]]:

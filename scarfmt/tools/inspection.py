@@ -14,7 +14,7 @@ from scarfmt.container.file import Container, Header
 from scarfmt.container.schema import VERSION, BlockKind, Profile, Stream
 from scarfmt.container.source import ByteSource
 from scarfmt.errors import InputWarning, LimitExceeded, Malformed, plural, printable
-from scarfmt.limits import DEFAULT_LIMITS, Limits
+from scarfmt.limits import DEFAULT_LIMITS, MAX_THUMBNAIL, Limits
 from scarfmt.scene.description import Description
 
 _UNITS = {Profile.EXPLICIT: "Gaussian", Profile.ANCHOR: "anchor"}
@@ -112,6 +112,21 @@ def read_metadata(container: Container) -> dict[str, Any] | None:
         message = f"{entry.length} bytes exceed this reader's limit of {container.limits.metadata_bytes}"
         raise LimitExceeded("limit-metadata", message, offset=entry.offset, field="METADATA")
     return parse_metadata(container.read_block(entry), entry.offset)
+
+
+def read_thumbnail(container: Container) -> bytes | None:
+    """The small picture of a scene: a WebP, PNG or JPEG file. None where there is none, or a cut source ends before it.
+
+    Raises:
+        Malformed: ``entry-length``: it is larger than R-7.15-1 allows; ``block-crc``: it is damaged.
+    """
+    entry = container.find(BlockKind.THUMBNAIL, 1)
+    if entry is None or not container.is_available(entry):
+        return None
+    if entry.length > MAX_THUMBNAIL:
+        message = f"{entry.length} bytes: a thumbnail has at most {MAX_THUMBNAIL} (SPEC §7.15)"
+        raise Malformed("entry-length", message, offset=entry.offset, field="THUMBNAIL")
+    return container.read_block(entry)
 
 
 def describe(container: Container) -> Description:

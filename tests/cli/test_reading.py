@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from fuzz.testing.scenes import random_scene
-from scarfmt.coding.writer import write_scene
+from scarfmt.coding.writer import assemble_file, code_blocks, write_scene
 from scarfmt.container.file import Block, write_container
 from scarfmt.container.schema import BlockKind
 from scarfmt.container.source import BytesSource, FileSource
@@ -31,6 +31,20 @@ def test_inspect_reads_stdin_and_urls(run: Run, explicit_scar: Path) -> None:
     direct = run("inspect", explicit_scar).stdout
     assert run("inspect", "-", input=explicit_scar.read_bytes()).stdout == direct
     assert run("inspect", explicit_scar.as_uri()).stdout == direct
+
+
+def test_inspect_writes_the_thumbnail(run: Run, tmp_path: Path) -> None:
+    """The picture as it is in the file; a file without one is refused, and so is one that is in the way."""
+    scene = random_scene(2, sh_degree=1)
+    blocks = [*code_blocks(scene), Block(BlockKind.THUMBNAIL, 1, b"a picture")]
+    (tmp_path / "with.scar").write_bytes(assemble_file(scene, blocks))
+    (tmp_path / "without.scar").write_bytes(write_scene(scene))
+    picture = tmp_path / "picture.webp"
+    assert run("inspect", tmp_path / "with.scar", "--thumbnail", picture).exit_code == 0
+    assert picture.read_bytes() == b"a picture"
+    assert run("inspect", tmp_path / "with.scar", "--thumbnail", picture).exit_code == 2
+    assert run("inspect", tmp_path / "without.scar", "--thumbnail", picture, "--force").exit_code == 2
+    assert picture.read_bytes() == b"a picture"
 
 
 def test_inspect_tells_of_models(run: Run, explicit_scar: Path) -> None:

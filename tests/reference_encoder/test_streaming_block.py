@@ -9,6 +9,7 @@ import pytest
 
 from reference_encoder.encode import EncodeOptions, Encoder, encode, measure_scene
 from reference_encoder.judge.reconstruct import reconstruct_anchors, reconstruct_gaussians
+from reference_encoder.opening_view import find_opening_view
 from reference_encoder.streaming_block import build_streaming_block
 from scarfmt.blocks.streaming import Streaming, read_streaming
 from scarfmt.coding.writer import QuantisedScene
@@ -53,9 +54,8 @@ def scene(source: GaussianScene) -> QuantisedScene:
 
 
 def build(scene: QuantisedScene, options: EncodeOptions = OPTIONS) -> Streaming:
-    block = build_streaming_block(scene, reconstruct_gaussians(scene), options)
-    assert block is not None
-    return block
+    drawn = reconstruct_gaussians(scene)
+    return build_streaming_block(scene, drawn, find_opening_view(drawn, options))
 
 
 def test_boxes_hold_what_is_there_and_hardly_more(scene: QuantisedScene) -> None:
@@ -80,15 +80,16 @@ def test_boxes_hold_what_is_there_and_hardly_more(scene: QuantisedScene) -> None
 
 
 def test_the_first_view_is_a_camera_that_looks_at_the_scene(scene: QuantisedScene) -> None:
-    """It is one of the given cameras; without cameras it looks from outside towards the middle."""
+    """It is one of the given cameras; without cameras a sphere is before it."""
     given, free = build(scene).view, build(scene, replace(OPTIONS, cameras=None)).view
     assert given is not None
     assert np.abs(given.position).tolist() == [6.0, 0.0, 3.0]
     assert given.up @ UP == pytest.approx(1)
     assert given.fov == pytest.approx(2 * np.arctan(60 / NEAR_LEFT.fy))
     assert free is not None
-    assert np.linalg.norm(free.target) < 7
-    assert np.linalg.norm(free.position) > 8
+    forward = free.target - free.position
+    towards = [np.array([x, 0, 0]) - free.position for x in (-6.0, 6.0)]
+    assert max(to @ forward / np.linalg.norm(to) / np.linalg.norm(forward) for to in towards) > 0.9
 
 
 def test_the_first_view_is_amid_the_cameras(scene: QuantisedScene) -> None:
@@ -101,22 +102,23 @@ def test_the_first_view_is_amid_the_cameras(scene: QuantisedScene) -> None:
     assert view.position[0] < 0
 
 
-def test_files_of_a_single_tile_have_the_block_only_with_cameras(source: GaussianScene) -> None:
-    """Of one tile there is no choice, but a viewer must not show from outside what was photographed from within."""
+def test_files_of_a_single_tile_have_a_view_too(source: GaussianScene) -> None:
+    """Of one tile there is no choice, but of places to look from there is."""
     options = replace(OPTIONS, tile_anchors=4096)
     streaming = read_streaming(Container.open(BytesSource(encode(source, options))))
     assert streaming is not None
     assert streaming.tiles == 1
     assert streaming.view is not None
     assert any(np.allclose(streaming.view.position, camera.centre) for camera in (NEAR_LEFT, NEAR_RIGHT))
-    without = encode(source, replace(options, cameras=None))
-    assert read_streaming(Container.open(BytesSource(without))) is None
+    without = read_streaming(Container.open(BytesSource(encode(source, replace(options, cameras=None)))))
+    assert without is not None
+    assert without.view is not None
 
 
 def test_anchor_files_have_it_too() -> None:
     options = EncodeOptions(quality=36, effort=1, layers=3, corrections=0, cameras=ring(6), only_cameras=True)
     scene = Encoder(measure_scene(small_model(), options)).run().scene
-    block = build_streaming_block(scene, reconstruct_anchors(scene), options)
-    assert block is not None
+    drawn = reconstruct_anchors(scene)
+    block = build_streaming_block(scene, drawn, find_opening_view(drawn, options))
     assert block.tiles == len(scene.tiles)
     assert block.view is not None

@@ -1,0 +1,48 @@
+"""The THUMBNAIL of a file: a small WebP picture of its opening view (SPEC §7.15; encoder only, informative)."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Callable, Sequence
+
+from scarfmt.arrays import F32
+from scarfmt.container.file import Block
+from scarfmt.container.schema import BlockKind
+from scarfmt.render.camera import Camera
+from scarfmt.render.images import to_bytes
+
+_PART, _LEAST, _MOST = 0.01, 600, 6000
+"""Bytes of a thumbnail: a share of those of the file, at least and at most; with less, no picture says anything."""
+_WIDTHS, _QUALITIES = (256, 192, 128, 96), (80, 65, 50, 35)
+"""Widths in pixels, and qualities of WebP, the best first."""
+
+
+def thumbnail_blocks(view: Callable[[Camera], F32], camera: Camera, blocks: Sequence[Block]) -> list[Block]:
+    """The block of a file, or none: a small file has no room for one, and without Pillow there is none.
+
+    Args:
+        view: draws what a decoder makes of the file.
+        camera: the opening view.
+        blocks: all others of the file.
+    """
+    most = min(int(_PART * sum(len(block.payload) for block in blocks)), _MOST)
+    picture = draw_thumbnail(view, camera, most) if most >= _LEAST else None
+    return [] if picture is None else [Block(BlockKind.THUMBNAIL, 1, picture)]
+
+
+def draw_thumbnail(view: Callable[[Camera], F32], camera: Camera, most: int) -> bytes | None:
+    """A WebP file of at most `most` bytes, the widest that still looks good; None if none is as small."""
+    try:
+        from PIL import Image, features
+    except ImportError:
+        return None
+    if not features.check("webp"):
+        return None
+    for width in _WIDTHS:
+        image = Image.fromarray(to_bytes(view(camera.scaled(width / camera.width))))
+        for quality in _QUALITIES:
+            file = io.BytesIO()
+            image.save(file, "WEBP", quality=quality, method=6)
+            if file.tell() <= most:
+                return file.getvalue()
+    return None
