@@ -258,7 +258,7 @@ def save(
         with write(name) as file:
             file.write(encode(scene, options))
         return
-    from scarfmt.formats import save_anchor_npz
+    from scarfmt.formats.anchor_npz import save_anchor_npz
     from scarfmt.formats.output import Described
     from scarfmt.formats.outputs import OutputOptions, open_targets, output_of, write_parts
 

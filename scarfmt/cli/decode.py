@@ -243,7 +243,7 @@ def _write_npz(source: ByteSource, target: BinaryIO, request: DecodeRequest, cou
     import numpy as np
 
     from reference_decoder.decode import decode, decode_scene
-    from scarfmt.formats import save_anchor_npz
+    from scarfmt.formats.anchor_npz import save_anchor_npz
     from scarfmt.formats.output import Written
     from scarfmt.scene.gaussians import AnchorModel
 

@@ -64,12 +64,15 @@ def output_options(format_id: str, said: dict[str, Any]) -> OutputOptions:
         click.UsageError: one was given for another format.
     """
     from scarfmt.formats.outputs import OutputOptions
-    from scarfmt.formats.spz import SpzOptions
 
     names = ("version", "fraction_bits", "sh_bits")
     given = {name: value for name in names if (value := said.pop(f"spz_{name}")) not in (None, ())}
     if given and format_id != "spz":
         raise click.UsageError("--spz-version, --spz-fraction-bits and --spz-sh-bits are for an .spz output")
+    if not given:
+        return OutputOptions()
+    from scarfmt.formats.spz import SpzOptions
+
     return OutputOptions(SpzOptions(**given))
 
 

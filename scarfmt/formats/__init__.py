@@ -3,34 +3,20 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable
 from dataclasses import dataclass, replace
+from importlib import import_module
 from os import PathLike
 from pathlib import Path
+from typing import Any
 
 from scarfmt.container.source import read_bounded
 from scarfmt.errors import InvalidInput
-from scarfmt.formats import (
-    anchor_npz,
-    compressed_ply,
-    gltf,
-    inria_ply,
-    ksplat,
-    ply,
-    scaffold,
-    sog,
-    splat,
-    spz,
-    streamed_sog,
-    usd,
-)
-from scarfmt.formats.anchor_npz import save_anchor_npz
 from scarfmt.formats.packed import is_packed, kind_of, unpack
 from scarfmt.formats.source import Source
 from scarfmt.scene.description import Description
 from scarfmt.scene.gaussians import AnchorModel, GaussianScene
 
-__all__ = ["FORMATS", "MAX_PIPE_BYTES", "Format", "detect", "find", "load", "save_anchor_npz", "stem"]
+__all__ = ["FORMATS", "MAX_PIPE_BYTES", "Format", "detect", "find", "load", "stem"]
 
 MAX_PIPE_BYTES = 1 << 33
 """Bytes of a scene taken from a pipe: 30 million Gaussians as a PLY."""
@@ -44,54 +30,46 @@ class Format:
         id: what `load(format=...)` and the command line call it.
         title: for people.
         extensions: file name endings, lower case; used only where no content test matches.
-        sniff: whether the content is of this format.
-        load: reads it.
-        describe: reads what it says about the scene, from little of it; for formats that can say anything.
+        module: of this package, loaded when it is first needed: `sniff` and `load`, and `describe` for formats that can
+            say anything about a scene.
     """
 
     id: str
     title: str
     extensions: tuple[str, ...]
-    sniff: Callable[[Source], bool]
-    load: Callable[[Source], GaussianScene | AnchorModel]
-    describe: Callable[[Source], Description] = lambda _: Description()
+    module: str
+
+    @property
+    def _module(self) -> Any:
+        return import_module(f"{__name__}.{self.module}")
+
+    def sniff(self, source: Source) -> bool:
+        """Whether the content is of this format."""
+        return bool(self._module.sniff(source))
+
+    def load(self, source: Source) -> GaussianScene | AnchorModel:
+        """Read a scene; errors as of :func:`load`."""
+        scene: GaussianScene | AnchorModel = self._module.load(source)
+        return scene
+
+    def describe(self, source: Source) -> Description:
+        """Read what a file says about the scene, from little of it."""
+        module = self._module
+        return module.describe(source) if hasattr(module, "describe") else Description()
 
 
 FORMATS = (
-    Format(
-        "compressed-ply",
-        "PlayCanvas PLY",
-        (".compressed.ply",),
-        compressed_ply.sniff,
-        compressed_ply.load,
-        ply.describe,
-    ),
-    Format("scaffold", "Scaffold-GS folder", (), scaffold.sniff, scaffold.load),
-    Format("ply", "INRIA 3D Gaussian splatting PLY", (".ply",), inria_ply.sniff, inria_ply.load, ply.describe),
-    Format("spz", "Niantic SPZ 1 to 4", (".spz",), spz.sniff, spz.load, spz.describe),
-    Format(
-        "streamed-sog",
-        "PlayCanvas streamed SOG, its finest level",
-        ("lod-meta.json", ".ssog"),
-        streamed_sog.sniff,
-        streamed_sog.load,
-        streamed_sog.describe,
-    ),
-    Format(
-        "sog", "PlayCanvas SOG 1 and 2, bundled or meta.json", (".sog", "meta.json"), sog.sniff, sog.load, sog.describe
-    ),
-    Format("gltf", "glTF 2.0 with KHR_gaussian_splatting", (".glb", ".gltf"), gltf.sniff, gltf.load, gltf.describe),
-    Format(
-        "usd",
-        "USD with ParticleField3DGaussianSplat",
-        (".usd", ".usda", ".usdc", ".usdz"),
-        usd.sniff,
-        usd.load,
-        usd.describe,
-    ),
-    Format("anchor-npz", "Scaffold-GS style anchor model", (".npz",), anchor_npz.sniff, anchor_npz.load),
-    Format("ksplat", "GaussianSplats3D .ksplat", (".ksplat",), ksplat.sniff, ksplat.load),
-    Format("splat", "antimatter15 .splat", (".splat",), splat.sniff, splat.load),
+    Format("compressed-ply", "PlayCanvas PLY", (".compressed.ply",), "compressed_ply"),
+    Format("scaffold", "Scaffold-GS folder", (), "scaffold"),
+    Format("ply", "INRIA 3D Gaussian splatting PLY", (".ply",), "inria_ply"),
+    Format("spz", "Niantic SPZ 1 to 4", (".spz",), "spz"),
+    Format("streamed-sog", "PlayCanvas streamed SOG, its finest level", ("lod-meta.json", ".ssog"), "streamed_sog"),
+    Format("sog", "PlayCanvas SOG 1 and 2, bundled or meta.json", (".sog", "meta.json"), "sog"),
+    Format("gltf", "glTF 2.0 with KHR_gaussian_splatting", (".glb", ".gltf"), "gltf"),
+    Format("usd", "USD with ParticleField3DGaussianSplat", (".usd", ".usda", ".usdc", ".usdz"), "usd"),
+    Format("anchor-npz", "Scaffold-GS style anchor model", (".npz",), "anchor_npz"),
+    Format("ksplat", "GaussianSplats3D .ksplat", (".ksplat",), "ksplat"),
+    Format("splat", "antimatter15 .splat", (".splat",), "splat"),
 )
 
 
@@ -169,6 +147,8 @@ def _source(path_or_bytes: str | PathLike[str] | bytes) -> Source:
 
 def _index_of(directory: Path) -> Path:
     """The file to begin with in a directory that holds a SOG or a Scaffold-GS model."""
+    from scarfmt.formats import scaffold, streamed_sog
+
     streamed = directory / streamed_sog.INDEX
     if streamed.exists():
         return streamed

@@ -44,6 +44,9 @@ CHUNK_BOUNDS = tuple(f"{end}_{what}{axis}" for what in ("", "scale_") for end in
 COLOUR_BOUNDS = ("min_r", "min_g", "min_b", "max_r", "max_g", "max_b")
 
 
+describe = ply.describe
+
+
 def sniff(source: Source) -> bool:
     """Whether the content is a PLY file with packed vertices."""
     return ply.is_ply(source) and b"packed_position" in source.head(4096)

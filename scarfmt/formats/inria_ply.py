@@ -42,6 +42,9 @@ _LARGEST = {"u1": 255.0, "u2": 65535.0}
 _FILTER = "filter_3D"
 
 
+describe = ply.describe
+
+
 def sniff(source: Source) -> bool:
     """Whether the content is a PLY file."""
     return ply.is_ply(source)

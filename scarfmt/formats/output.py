@@ -121,15 +121,20 @@ def move_near_zero(parts: Parts, described: Described) -> tuple[Parts, Described
     places = places[np.isfinite(places).all(axis=1)]
     if not len(places):
         return parts, described
-    origin = np.rint(np.median(places, axis=0))
+    origin = np.rint(_middle(places))
     far = float(np.abs(origin).max())
-    reach = float(np.percentile(np.abs(places - origin).max(axis=1), 90))
-    size = float(np.median(gaussian_sizes(first.log_scales)))
+    reach = float(np.sort(np.abs(places - origin).max(axis=1))[9 * (len(places) - 1) // 10])
+    size = float(_middle(gaussian_sizes(first.log_scales)))
     if far < _FAR * reach or far > np.finfo(np.float32).max or np.spacing(np.float32(far)) * _FINE < size:
         return parts, described
     x, y, z = origin.tolist()
     moved = (replace(part, positions=part.positions - origin) for part in parts)
     return moved, replace(described, moved=(x, y, z))
+
+
+def _middle(values: F64) -> F64:
+    """The median along the first axis. NumPy's own loads another 20 ms of NumPy."""
+    return np.asarray(np.sort(values, axis=0)[[(len(values) - 1) // 2, len(values) // 2]].mean(axis=0))
 
 
 def gaussian_sizes(log_scales: F32) -> F64:

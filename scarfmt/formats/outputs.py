@@ -4,24 +4,23 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
+from importlib import import_module
 from pathlib import Path
-from typing import BinaryIO
+from typing import TYPE_CHECKING, BinaryIO
 from urllib.parse import quote
 
 import numpy as np
 
 from scarfmt.arrays import F32
 from scarfmt.errors import InvalidInput
-from scarfmt.formats.compressed_ply import write_compressed_ply
-from scarfmt.formats.export_gltf import Beside, write_gltf
-from scarfmt.formats.export_sog import write_sog
 from scarfmt.formats.inria_ply import ply_header, ply_rows, property_names
 from scarfmt.formats.output import CoarseSteps, Described, Losses, Parts, Spool, Written, move_near_zero
 from scarfmt.formats.ply import PLY_SAYS, description_comments
-from scarfmt.formats.splat import write_splat
-from scarfmt.formats.spz import SpzOptions, write_spz
-from scarfmt.formats.usd import write_usd
+
+if TYPE_CHECKING:
+    from scarfmt.formats.export_gltf import Beside
+    from scarfmt.formats.spz import SpzOptions
 
 
 @dataclass(frozen=True)
@@ -29,11 +28,11 @@ class OutputOptions:
     """Choices that some formats leave to their writer.
 
     Attributes:
-        spz: of SPZ.
+        spz: of SPZ; None for its defaults.
         beside: where the buffer of a .gltf goes.
     """
 
-    spz: SpzOptions = field(default_factory=SpzOptions)
+    spz: SpzOptions | None = None
     beside: Beside | None = None
 
 
@@ -107,50 +106,38 @@ def _ply(parts: Parts, described: Described, target: BinaryIO, _options: OutputO
 
 
 def _gltf(parts: Parts, described: Described, target: BinaryIO, options: OutputOptions) -> Written:
+    from scarfmt.formats.export_gltf import write_gltf
+
     if options.beside is None:
         raise InvalidInput("output-format", "a .gltf needs a place for its buffer; write a .glb")
     return write_gltf(parts, described, target, options.beside)
 
 
+def _spz(parts: Parts, described: Described, target: BinaryIO, options: OutputOptions) -> Written:
+    from scarfmt.formats.spz import SpzOptions, write_spz
+
+    return write_spz(parts, described, target, options.spz or SpzOptions())
+
+
+def _writer(module: str, name: str) -> Callable[[Parts, Described, BinaryIO, OutputOptions], Written]:
+    """A writer without options, loaded when it is called."""
+
+    def write(parts: Parts, described: Described, target: BinaryIO, _options: OutputOptions) -> Written:
+        written: Written = getattr(import_module(f"scarfmt.formats.{module}"), name)(parts, described, target)
+        return written
+
+    return write
+
+
 OUTPUTS = (
-    Output(
-        "compressed-ply",
-        "PlayCanvas PLY",
-        ".compressed.ply",
-        lambda parts, described, target, _: write_compressed_ply(parts, described, target),
-    ),
+    Output("compressed-ply", "PlayCanvas PLY", ".compressed.ply", _writer("compressed_ply", "write_compressed_ply")),
     Output("ply", "INRIA 3D Gaussian splatting PLY", ".ply", _ply),
-    Output(
-        "spz",
-        "Niantic SPZ 3 and 4",
-        ".spz",
-        lambda parts, described, target, options: write_spz(parts, described, target, options.spz),
-    ),
-    Output(
-        "glb",
-        "binary glTF 2.0 with KHR_gaussian_splatting",
-        ".glb",
-        lambda parts, described, target, _: write_gltf(parts, described, target),
-    ),
+    Output("spz", "Niantic SPZ 3 and 4", ".spz", _spz),
+    Output("glb", "binary glTF 2.0 with KHR_gaussian_splatting", ".glb", _writer("export_gltf", "write_gltf")),
     Output("gltf", "glTF 2.0 with KHR_gaussian_splatting, its buffer beside it", ".gltf", _gltf),
-    Output(
-        "sog",
-        "PlayCanvas SOG 2, bundled",
-        ".sog",
-        lambda parts, described, target, _: write_sog(parts, described, target),
-    ),
-    Output(
-        "splat",
-        "antimatter15 .splat",
-        ".splat",
-        lambda parts, described, target, _: write_splat(parts, described, target),
-    ),
-    Output(
-        "usd",
-        "USD with ParticleField3DGaussianSplat",
-        ".usdc",
-        lambda parts, described, target, _: write_usd(parts, described, target),
-    ),
+    Output("sog", "PlayCanvas SOG 2, bundled", ".sog", _writer("export_sog", "write_sog")),
+    Output("splat", "antimatter15 .splat", ".splat", _writer("splat", "write_splat")),
+    Output("usd", "USD with ParticleField3DGaussianSplat", ".usdc", _writer("usd", "write_usd")),
 )
 
 
@@ -176,6 +163,8 @@ def open_targets(
         with open_file(name) as target:
             yield target, options
         return
+    from scarfmt.formats.export_gltf import Beside
+
     path = Path(name)
     buffer = path.with_name(f"{path.stem}.bin")
     # The buffer gets its name first: a .gltf never names what is not there.

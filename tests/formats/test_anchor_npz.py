@@ -13,7 +13,8 @@ import numpy as np
 import pytest
 
 from scarfmt.errors import InvalidInput
-from scarfmt.formats import load, save_anchor_npz
+from scarfmt.formats import load
+from scarfmt.formats.anchor_npz import save_anchor_npz
 from scarfmt.scene.gaussians import AnchorModel
 from tests.formats.scene_files import anchor_arrays, anchor_npz, npy, zipped
 from tests.samples.codec_samples import refuses

@@ -15,7 +15,8 @@ import pytest
 
 from reference_decoder.anchors import gaussians
 from scarfmt.errors import InvalidInput
-from scarfmt.formats import load, save_anchor_npz
+from scarfmt.formats import load
+from scarfmt.formats.anchor_npz import save_anchor_npz
 from scarfmt.formats.source import Source
 from scarfmt.formats.torch_archive import tensors
 from scarfmt.render.camera import look_at
