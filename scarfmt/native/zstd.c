@@ -234,7 +234,7 @@ static int read_block(ZstdFrame *f) {
 }
 
 Content zstd_content(const uint8_t *bytes, int64_t length, FrameHeader header, Pool *pool) {
-    ZstdFrame *f = memory_take(sizeof *f);
+    ZstdFrame *f = pool_take(pool, sizeof *f);
     f->in = bytes, f->length = length, f->at = header.at;
     f->out = pool_take(pool, header.content), f->size = header.content, f->filled = 0;
     f->block = header.window < MOST_BLOCK ? header.window : MOST_BLOCK;
@@ -243,7 +243,5 @@ Content zstd_content(const uint8_t *bytes, int64_t length, FrameHeader header, P
     f->recent[0] = 1, f->recent[1] = 4, f->recent[2] = 8;
     while (!read_block(f)) continue;
     demand(f->filled == f->size && f->at == f->length, BAD);
-    const Content content = {f->out, f->size};
-    memory_give(f);
-    return content;
+    return (Content){f->out, f->size};
 }

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import ctypes
+import mmap
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -16,9 +18,13 @@ from fuzz.testing.neural_scenes import neural_scene
 from fuzz.testing.strategies import neural_scenes, quantised_scenes
 from reference_decoder.decode import decode, decode_scene
 from reference_decoder.decoded import Decoded
+from scarfmt.coding.reader import SceneReader
 from scarfmt.coding.writer import QuantisedScene, write_scene
+from scarfmt.container.schema import BlockKind
+from scarfmt.container.source import BytesSource
 from scarfmt.errors import ScarError
 from scarfmt.native.binding import library
+from scarfmt.native.file import NativeFile
 from scarfmt.scene.gaussians import GaussianScene
 from scarfmt.scene.streams import ATTRIBUTES
 
@@ -87,6 +93,22 @@ def test_threads_share_models() -> None:
     with ThreadPoolExecutor(4) as pool:
         for found, same in zip(pool.map(lambda data: decode(data, threads=3), files * 4), wanted * 4, strict=True):
             assert_same(found, same)
+
+
+@pytest.mark.skipif(not Path("/proc/self/statm").exists(), reason="no /proc")
+def test_refused_models_leave_no_memory() -> None:
+    """A server that is given damaged files does not grow: a frame of Zstandard that breaks off, two thousand times."""
+    reader = SceneReader(BytesSource(read("worked")))
+    fields, native = reader.header.fields, library()
+    assert native is not None
+    blocks = {(entry.layer, entry.kind): data for entry, data in reader.model_payloads(1).items()}
+    blocks[1, BlockKind.TABLES] = blocks[1, BlockKind.TABLES][:-1] + b"\0\0"
+    used = []
+    for _ in range(2):
+        for _ in range(2000):
+            assert NativeFile(native, fields, reader.header.file_length, 1, blocks).refusal == "bad-zstd"
+        used.append(int(Path("/proc/self/statm").read_text().split()[1]) * mmap.PAGESIZE)
+    assert used[1] - used[0] < 4 << 20
 
 
 def test_damaged_files_are_answered_as_by_the_definition() -> None:
