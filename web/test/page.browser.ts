@@ -4,6 +4,7 @@ import assert from "node:assert/strict";
 import { describe, it } from "node:test";
 import { lit, until } from "./chromium.js";
 import type { Viewer } from "../src/viewer/viewer.js";
+import { vector } from "./files.js";
 import { sharedBrowser } from "./shared_browser.js";
 import { bytes, complete, untilComplete, viewingIn } from "./viewing.js";
 
@@ -125,6 +126,25 @@ describe("a page that loads", () => {
         };
       },
     });
+  });
+
+  it("shows the small picture in the file until what draws the scene has come", async () => {
+    let release: () => void = () => undefined;
+    const held = new Promise<void>((resolve) => (release = resolve));
+    const shows = (what: string) => `document.querySelector("canvas")?.style.background.includes("${what}")`;
+    await viewing(
+      async (page) => {
+        await page.waitForFunction(shows("blob:"), { polling: 50 });
+        release();
+        await page.waitForFunction(shows("none"), { polling: 50 });
+      },
+      {
+        scene: vector("valid/annotations"),
+        prepare: (_, host) => {
+          host.before = async (name) => (name.startsWith("drawing-") ? held : undefined);
+        },
+      },
+    );
   });
 
   it("fetches and compiles the decoder once for all workers and scenes", async () => {

@@ -160,6 +160,31 @@ describe("a stream", () => {
     });
   });
 
+  it("gives the small picture of a file before its tiles, and does without one that is damaged", async () => {
+    const file = vector("valid/annotations");
+    const { numbers, entries } = openedFront(file);
+    const entry = numbers.blockOfFirst(15);
+    const picture = file.slice(entries.offset[entry], entries.offset[entry] + entries.length[entry]);
+    const damaged = file.slice();
+    damaged[entries.offset[entry]] ^= 1;
+    for (const [whole, expected] of [
+      [file, [picture, "tile"]],
+      [damaged, ["tile"]],
+    ] as const) {
+      await serving(whole, async (url) => {
+        await watching(url, {}, async (watched) => {
+          const found: unknown[] = [];
+          watched.stream.on("thumbnail", (bytes) => found.push(bytes));
+          watched.stream.on("tile", () => found.includes("tile") || found.push("tile"));
+          await watched.end();
+          assertComplete(watched, file);
+          assert.deepEqual(found, expected);
+          assert.deepEqual(watched.errors, []);
+        });
+      });
+    }
+  });
+
   it("goes by the view unless it is told otherwise: what is in the picture comes first", async () => {
     const { index } = openedFront(bytes);
     const middle = (tile: number, axis: number) =>

@@ -55,8 +55,8 @@ export class Numbering {
 
   /** Entries of what a layer needs besides its tiles. */
   models(layer: number): number[] {
-    const { models, tiles } = this.#runs[layer - 1];
-    return Array.from({ length: tiles - models }, (_, i) => models + i);
+    const { models, blocks } = this.#runs[layer - 1];
+    return blocks.flatMap(({ kind }, i) => (kind < BLOCK.THUMBNAIL ? [models + i] : []));
   }
 
   /** The entry of a block of layer 1 that belongs to no tile, -1 where there is none. */

@@ -30,6 +30,8 @@ export interface FeedEvents {
   front: Front;
   /** Where to look from first: from outside, and what the file says once that has come. */
   opening: View;
+  /** A small picture of the scene, as a rule before any tile. */
+  thumbnail: Uint8Array;
   /** Something has come, went, or is asked for. */
   change: null;
   retry: StreamError;
@@ -141,6 +143,7 @@ export class Feed {
       if (this.opening === null) this.#begin(outsideView(front));
     });
     stream.on("streaming", ({ view }) => view !== null && this.#begin(viewOfFile(view)));
+    stream.on("thumbnail", (picture) => this.#emitter.emit("thumbnail", picture));
     stream.on("tile", ({ output }) => {
       const words = output as PackedTile;
       if (this.#sink === null) this.#early.set(words.tile, words);

@@ -38,6 +38,8 @@ export interface RefinerEvents {
   onEvict(tile: number, layer: number): void;
   /** The block STREAMING has come. */
   onStreaming(): void;
+  /** The block THUMBNAIL has come: a WebP, PNG or JPEG file. */
+  onThumbnail(picture: Uint8Array): void;
   /** A block arrived. */
   onBytes(): void;
   onDone(): void;
@@ -45,6 +47,8 @@ export interface RefinerEvents {
   onError(error: StreamError): void;
 }
 
+/** A larger thumbnail breaks R-7.15-1, bytes. */
+const MOST_THUMBNAIL = 65_535;
 /** Bodies that may wait for a decoder, bytes. */
 const MOST_WAITING = 4 << 20;
 /** Share of the budget that is left to data under way, and its largest value, bytes. */
@@ -68,6 +72,8 @@ export class Refiner {
   readonly #ledger: Ledger;
   /** Entry of the block STREAMING, -1 where there is none. */
   readonly #streamingEntry: number;
+  /** The same of THUMBNAIL. */
+  readonly #thumbnailEntry: number;
   #budgets: Budgets;
   #ideal: Step[] = [];
   #victims: number[] = [];
@@ -93,6 +99,8 @@ export class Refiner {
     this.#ledger = new Ledger(front.index.tiles, this.memory);
     this.#views = new Views(front.index.boxes, camera);
     this.#streamingEntry = front.numbers.blockOfFirst(BLOCK.STREAMING);
+    const thumbnail = front.numbers.blockOfFirst(BLOCK.THUMBNAIL);
+    this.#thumbnailEntry = thumbnail >= 0 && front.entries.length[thumbnail] <= MOST_THUMBNAIL ? thumbnail : -1;
     const onBlock = (entry: number, body: Uint8Array) => this.#arrived(entry, body);
     const onDamaged = (entry: number) => this.#damaged(entry);
     const onIdle = () => this.#dispatch();
@@ -153,7 +161,7 @@ export class Refiner {
     const steps = this.#plan(this.tiles.haveAll());
     const { goal, limit } = this.tiles;
     const wanted = steps.filter(({ tile, layer }) => layer <= goal[tile] && layer <= limit[tile]);
-    const entries = wantedEntries(this.parts.opened.front, wanted, this.#streamingEntry);
+    const entries = wantedEntries(this.parts.opened.front, wanted, this.#streamingEntry, this.#thumbnailEntry);
     if (entries.some((e) => !this.transfers.hasArrived(e))) this.#done = false;
     this.transfers.want(entries);
     for (const tile of goal.keys()) this.#touch(tile);
@@ -229,6 +237,8 @@ export class Refiner {
       this.#openPage(entry, body);
     } else if (entry === this.#streamingEntry) {
       this.#takeStreaming(body);
+    } else if (entry === this.#thumbnailEntry) {
+      this.parts.events.onThumbnail(body);
     } else {
       this.#models.set(entry, body);
       void this.#loadModels();
@@ -268,7 +278,7 @@ export class Refiner {
     const { numbers, index } = this.parts.opened.front;
     while (this.tiles.models < index.layers && !this.#closed) {
       const layer = this.tiles.models + 1;
-      const found = numbers.blocksOf(layer).filter(({ block }) => block.kind < BLOCK.TILE);
+      const found = numbers.blocksOf(layer).filter(({ block }) => block.kind < BLOCK.THUMBNAIL);
       if (found.some(({ entry }) => !this.#models.has(entry))) break;
       const blocks = found.map(({ entry, block }): Block => ({ kind: block.kind, body: this.#models.get(entry)! }));
       const before = this.parts.pool.memory;
@@ -429,7 +439,7 @@ export class Refiner {
       this.#limitTile(part.tile, part.layer - 1);
       this.parts.events.onError(damaged("crc-mismatch", "block", { tile: part.tile }));
     } else if (part.what === "block") {
-      if (entry !== this.#streamingEntry) this.#damagedModels(part.layer, damaged("crc-mismatch", "block"));
+      if (part.block.kind < BLOCK.THUMBNAIL) this.#damagedModels(part.layer, damaged("crc-mismatch", "block"));
     } else {
       this.#limitPage(part.page, part.what === "rows" ? part.layer - 1 : 0);
       this.parts.events.onError(damaged("page-crc-mismatch", "page"));

@@ -93,6 +93,8 @@ export interface StreamEvents {
   progress: Progress;
   /** The block STREAMING has come, and with it `index.streaming` of the front. */
   streaming: Streaming;
+  /** A small picture of the scene, a WebP, PNG or JPEG file, as a rule before any tile. */
+  thumbnail: Uint8Array;
   /** All that view and budgets allow is shown. */
   done: Stats;
   /** Something failed and is tried again. */
@@ -310,6 +312,7 @@ export class ScarStream {
         this.#emitter.emit("evict", { tile, layer });
       },
       onStreaming: () => index.streaming !== null && this.#emitter.emit("streaming", index.streaming),
+      onThumbnail: (picture) => this.#emitter.emit("thumbnail", picture),
       onBytes: () => this.#emitter.emit("progress", this.#progress()),
       onDone: () => this.#emitter.emit("done", this.stats()),
       onRetry: (error, delayMs) => this.#emitter.emit("retry", { error, delayMs }),

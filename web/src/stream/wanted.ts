@@ -11,10 +11,11 @@ const SHARE = 8;
  * Entries in the order to fetch: before the first tile of a layer the models of that layer and those before. In place
  * of blocks of which nothing is known yet, the pages that tell of them.
  * @param streaming entry of the block STREAMING, which comes after the first models; -1 for none
+ * @param thumbnail entry of the block THUMBNAIL, which comes first of all; -1 for none
  */
-export function wantedEntries(directory: Directory, steps: Step[], streaming: number): number[] {
+export function wantedEntries(directory: Directory, steps: Step[], streaming: number, thumbnail = -1): number[] {
   const { numbers, entries } = directory;
-  const wanted: number[] = [];
+  const wanted: number[] = thumbnail >= 0 && steps.length > 0 ? [thumbnail] : [];
   const pages = new Set<number>();
   const addPage = (page: number) => {
     if (!directory.isOpen(page) && !pages.has(page)) wanted.push(page);

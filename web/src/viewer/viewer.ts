@@ -21,7 +21,7 @@ export interface ViewerOptions {
   view?: View;
   /** Colour of CSS, or "transparent"; black unless given. */
   background?: string;
-  /** Address of a picture that is shown until the scene is. */
+  /** Address of a picture that is shown until the scene is; the small one in the file unless given. */
   poster?: string;
   autoRotate?: boolean;
   /** Layers, budgets, headers and other options of the stream. */
@@ -83,6 +83,10 @@ export class Viewer {
   #shDegree = ALL_DEGREES;
   #background: string;
   #turns: boolean;
+  /** Whether something of a scene was drawn. */
+  #drawn = false;
+  /** Address of the small picture of the file, while it is shown. */
+  #thumbnail: string | null = null;
   #frame = 0;
   #frames: number[] = [];
   #disposed = false;
@@ -93,8 +97,8 @@ export class Viewer {
     this.#turns = autoRotate;
     this.#chosen = options.view !== undefined;
     Object.assign(this.canvas, { tabIndex: 0, role: "application", ariaLabel: LABEL });
-    const behind = poster === undefined ? background : `center / contain no-repeat url(${JSON.stringify(poster)}) ${background}`;
-    this.canvas.style.cssText = `display: block; width: 100%; height: 100%; touch-action: none; background: ${behind}`;
+    this.canvas.style.cssText = `display: block; width: 100%; height: 100%; touch-action: none; background: ${background}`;
+    if (poster !== undefined) this.#hang(poster);
     container.append(this.canvas);
     this.#resized.observe(this.canvas);
     if (url !== undefined) this.open(url);
@@ -122,6 +126,12 @@ export class Viewer {
     });
     feed.on("opening", (view) => {
       if (!this.#chosen && this.#pilot?.moved !== true) this.#goHome(view);
+    });
+    feed.on("thumbnail", (picture) => {
+      if (this.options.poster !== undefined || this.#drawn) return;
+      this.#dropThumbnail();
+      this.#thumbnail = URL.createObjectURL(new Blob([picture as BlobPart]));
+      this.#hang(this.#thumbnail);
     });
     feed.on("change", () => this.#needFrame());
     feed.on("retry", (error) => this.#emitter.emit("retry", error));
@@ -247,6 +257,7 @@ export class Viewer {
     this.#feed?.close();
     this.#pilot?.dispose();
     this.#stage?.dispose();
+    this.#dropThumbnail();
     this.canvas.remove();
   }
 
@@ -272,12 +283,24 @@ export class Viewer {
 
   /** From the first tile on what is behind the canvas is the page's, and no poster. */
   #onWritten(tile: number, layer: number): void {
-    if (this.#stage !== null && this.canvas.style.background !== "none") {
+    if (this.#stage !== null && !this.#drawn) {
+      this.#drawn = true;
       this.canvas.style.background = "none";
+      this.#dropThumbnail();
       this.#stage.background = this.#background;
       this.#stage.shDegree = this.#shDegree;
     }
     this.#emitter.emit("drawn", { tile, layer });
+  }
+
+  /** Shows a picture behind what is drawn. */
+  #hang(address: string): void {
+    this.canvas.style.background = `center / contain no-repeat url(${JSON.stringify(address)}) ${this.#background}`;
+  }
+
+  #dropThumbnail(): void {
+    if (this.#thumbnail !== null) URL.revokeObjectURL(this.#thumbnail);
+    this.#thumbnail = null;
   }
 
   #fail(cause: unknown): void {
