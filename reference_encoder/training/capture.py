@@ -7,6 +7,7 @@ from, :func:`draw_points` draws some at random where its cameras look.
 from __future__ import annotations
 
 import hashlib
+import time
 import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -103,11 +104,13 @@ class Capture:
         photos: sorted by name, at least two.
         points: (P, 3) float64 on surfaces, world units; where training starts.
         colours: (P, 3) uint8 of the points.
+        seconds: that reading took, with the search for poses.
     """
 
     photos: tuple[Photo, ...]
     points: F64
     colours: U8
+    seconds: float = 0.0
 
     @property
     def train(self) -> tuple[Photo, ...]:
@@ -160,6 +163,7 @@ def load_capture(
     Warns:
         InputWarning: single photos are left out, black or without a pose, or there are no points.
     """
+    started = time.monotonic()
     _check(resolution, hold_out)
     report("read the photos", 0.0)
     read = _posed if bare_photos(Path(path)) else _listed
@@ -170,7 +174,7 @@ def load_capture(
         message = f"{path}: has no points to start from: some are drawn at random where the cameras look"
         warnings.warn(message, InputWarning, stacklevel=2)
         points = draw_points([photo.camera for photo in sized])
-    return Capture(sized, points.positions, points.colours)
+    return Capture(sized, points.positions, points.colours, time.monotonic() - started)
 
 
 def pixels(photo: Photo) -> U8:

@@ -4,15 +4,15 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from itertools import starmap
 from statistics import fmean
 
 import torch
 from torch import Tensor
 
 from reference_encoder.training.neural_gaussians import expand, in_view
+from reference_encoder.training.photo_store import View
 from reference_encoder.training.raster import rasterise
-from reference_encoder.training.similarity import View, psnr, ssim
+from reference_encoder.training.similarity import psnr, ssim
 from reference_encoder.training.state import WEIGHT_BITS, State
 from scarfmt.render.camera import Camera
 
@@ -30,7 +30,11 @@ def draw(state: State, camera: Camera, layer: int | None, background: Tensor) ->
 
 def quality(state: State, views: Sequence[View], layer: int | None, background: Tensor) -> tuple[float, float]:
     """Mean PSNR (dB) and SSIM over some views, NaN without any; `layer` as for :func:`draw`."""
-    pictures = [(draw(state, camera, layer, background), target) for camera, target in views]
-    if not pictures:
+    if not views:
         return math.nan, math.nan
-    return fmean(starmap(psnr, pictures)), fmean(starmap(ssim, pictures))
+    found = [_likeness(draw(state, view.camera, layer, background), view.photo(state.device)) for view in views]
+    return fmean(each for each, _ in found), fmean(each for _, each in found)
+
+
+def _likeness(picture: Tensor, photo: Tensor) -> tuple[float, float]:
+    return psnr(picture, photo), ssim(picture, photo)

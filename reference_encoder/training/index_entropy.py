@@ -12,6 +12,7 @@ indices have none (paper: L_feat trains the predictor). What acts on codewords i
 
 from __future__ import annotations
 
+import time
 from collections.abc import Mapping
 from dataclasses import astuple, dataclass, replace
 from typing import Any
@@ -80,6 +81,9 @@ class JointIndexModel:
             Else one GRU layer sees the class, the anchor's own attributes, means over cells of anchors decoded before
             and the position in fixed waves.
         seed: of everything random.
+
+    Attributes:
+        seconds: that the last step took.
     """
 
     def __init__(self, paper: bool = False, seed: int = 0) -> None:
@@ -88,6 +92,7 @@ class JointIndexModel:
         self._lesson: Lesson | None = None
         self._descent: IndexOptimizer | None = None
         self._draw = np.random.default_rng(seed)
+        self.seconds = 0.0
 
     def state(self) -> dict[str, Any]:
         """For a checkpoint: what is learnt, and from what."""
@@ -146,8 +151,10 @@ class JointIndexModel:
         count = min(LARGEST_BATCH, len(examples))
         chosen = torch.from_numpy(self._draw.integers(0, len(examples), count))
         expected = examples.sent * count / len(examples)
+        began = time.monotonic()
         with one_thread():
             bits = self._descent.step(chosen, expected)
+        self.seconds = time.monotonic() - began
         return bits * examples.sent * examples.scale / max(self._lesson.anchors, 1)
 
     def finish(self, scene: QuantisedScene) -> QuantisedScene | None:

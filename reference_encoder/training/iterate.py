@@ -6,10 +6,11 @@ import torch
 from torch import Tensor
 
 from reference_encoder.training.neural_gaussians import expand, in_view
+from reference_encoder.training.photo_store import View
 from reference_encoder.training.presets import Moment
 from reference_encoder.training.raster import Picture, rasterise
 from reference_encoder.training.rate import layer_bits
-from reference_encoder.training.similarity import View, dissimilarity
+from reference_encoder.training.similarity import dissimilarity
 from reference_encoder.training.state import WEIGHT_BITS, State
 
 _VOLUME_WEIGHT = 0.01
@@ -35,8 +36,7 @@ def iterate(
     Returns:
         The loss without rate, and the estimated bits of the whole layer, None while rate does not count.
     """
-    camera, target = view
-    anchors = state.anchors
+    camera, anchors = view.camera, state.anchors
     rows = in_view(state.frame.world(anchors.lattice), anchors.scaling, anchors.offsets, camera)
     bits_a_weight = WEIGHT_BITS if now.rounded else None
     eye = torch.from_numpy(camera.centre)
@@ -45,7 +45,7 @@ def iterate(
     values = state.of_layer(rows, layer, now) if now.noisy or now.rounded else state.exact(rows)
     gaussians, owners, slots = expand(values, state.networks, eye, bits_a_weight)
     picture = rasterise(gaussians, camera, background)
-    loss = dissimilarity(picture.image, target)
+    loss = dissimilarity(picture.image, view.photo(state.device))
     total = loss + _VOLUME_WEIGHT * gaussians.scales.prod(dim=1).mean()
     if state.vectors is not None and state.vectors.loss is not None:
         total = total + state.vectors.loss

@@ -31,7 +31,7 @@ class TrainOptions:
     """Options of training.
 
     Attributes:
-        minutes: how long it may take, above 0; all schedules are fractions of it. Excludes `iterations`.
+        minutes: how long it may take in all, with reading and writing, above 0. Excludes `iterations`.
         iterations: how many it takes, in place of a time. Neither: what the preset says (:meth:`resolve`).
         layers: of the file, 1..16.
         last_layer: how many times as often as each other layer the last one is trained, 1..100: more for a better file
@@ -86,6 +86,10 @@ class TrainOptions:
         for name, said, choices in (("preset", self.preset, PRESETS), ("device", self.device, DEVICES)):
             if said not in choices:
                 raise _wrong(name, f"{said!r} is not one of {', '.join(choices)}")
+
+
+FINISHING = "finishing"
+"""The phase in which the file is made, and a draft of it is in the folder of the run."""
 
 
 @dataclass(frozen=True)
@@ -144,6 +148,8 @@ class Trained:
         seconds: spent, those before a resumption included.
         displacement: mean distance, pixels, of pictures from their photos; far from 0 where poses do not fit together,
             NaN where it cannot be told.
+        held_out: names of the photos that were not learnt from.
+        converged: whether a longer run would change little.
     """
 
     data: bytes = field(repr=False)
@@ -151,6 +157,8 @@ class Trained:
     iterations: int
     seconds: float
     displacement: float = math.nan
+    held_out: tuple[str, ...] = ()
+    converged: bool = True
 
 
 class Suspended(Exception):

@@ -14,7 +14,7 @@ import torch
 from torch import Tensor
 from torch.nn import functional
 
-from reference_encoder.training.similarity import Target
+from reference_encoder.training.similarity import intensities
 from scarfmt.errors import InputWarning
 
 LOOKS = 16
@@ -33,16 +33,16 @@ _LEAST_FOUND = 8
 
 
 @torch.no_grad()
-def displacement(pairs: Iterable[tuple[Tensor, Target]]) -> float:
+def displacement(pairs: Iterable[tuple[Tensor, Tensor]]) -> float:
     """Mean distance, pixels, by which pictures have to be moved onto their photos.
 
     Args:
-        pairs: (H, W, 3) pictures, and what they are to look like.
+        pairs: (H, W, 3) pictures, and photos as uint8.
 
     Returns:
         NaN where too little of any picture can be told apart.
     """
-    moves = [torch.stack(_block_moves(picture, target.pixels)) for picture, target in pairs]
+    moves = [torch.stack(_block_moves(picture, intensities(photo))) for picture, photo in pairs]
     # What is far off one way in one place and another elsewhere is noise; all of a picture going one way is its pose.
     distances = [float(torch.linalg.norm(each.median(dim=1).values)) for each in moves if each.shape[1] >= _LEAST_FOUND]
     return sum(distances) / len(distances) if distances else math.nan
@@ -53,7 +53,7 @@ def warn_of_displacement(distance: float) -> None:
     if distance > LIMIT:
         message = (
             f"pictures lie {distance:.2f} pixels beside their photos on average: poses that do not fit together look"
-            " like this, and blur what is learnt. Try the folder of photos alone, of which poses are found"
+            " like this, and blur what is learnt. Of a folder with the photos alone, poses are found anew"
         )
         warnings.warn(message, InputWarning, stacklevel=2)
 

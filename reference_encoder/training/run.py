@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+import math
 import time
+import warnings
+from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +19,8 @@ from reference_encoder.judge.reconstruct import reconstruct_anchors
 from reference_encoder.opening_view import middle_camera
 from reference_encoder.streaming_block import build_streaming_block
 from reference_encoder.training.anchors import AnchorLattice, SceneNetworks
-from reference_encoder.training.capture import Capture, Photo, pixels
+from reference_encoder.training.budget import Budget
+from reference_encoder.training.capture import Capture
 from reference_encoder.training.densification import AnchorStatistics
 from reference_encoder.training.device import reproducible, run_device
 from reference_encoder.training.evaluate import draw, quality
@@ -23,6 +28,7 @@ from reference_encoder.training.index_entropy import JointIndexModel
 from reference_encoder.training.layers import LayerPlan
 from reference_encoder.training.networks.index_training import one_thread
 from reference_encoder.training.options import (
+    FINISHING,
     LayerQuality,
     Progress,
     Report,
@@ -33,68 +39,39 @@ from reference_encoder.training.options import (
     never,
     silent,
 )
+from reference_encoder.training.photo_store import View, half_size, store_photos
 from reference_encoder.training.pose_check import LOOKS, displacement, warn_of_displacement
 from reference_encoder.training.presets import PRESETS, Preset
 from reference_encoder.training.quantiser import Quantiser
 from reference_encoder.training.rate import Context
 from reference_encoder.training.rate_controller import LEAST_PRICE, RateController
-from reference_encoder.training.run_folder import RunLog, identity, load_checkpoint, save_checkpoint
-from reference_encoder.training.similarity import Target, View
-from reference_encoder.training.smallest import smallest_file
+from reference_encoder.training.room import check_room
+from reference_encoder.training.run_folder import RunLog, identity, load_checkpoint, save_checkpoint, save_draft
+from reference_encoder.training.smallest import nowhere, smallest_file
 from reference_encoder.training.state import State, new_anchors, typical_distance
 from reference_encoder.training.trainer import Trainer
 from reference_encoder.training.vq_features import VqFeatures
 from scarfmt.coding.writer import write_scene
 from scarfmt.container.file import Container
 from scarfmt.container.source import BytesSource
+from scarfmt.errors import InputWarning, plural
 from scarfmt.render.threads import count_threads
 
 VOXEL = 0.5
 """Edge of a voxel, as a share of the median distance of a starting point to its nearest neighbours."""
 EXTENT = 1.1
-_LAST_PRICE, _FALL = 0.015, 2.0
+_LAST_PRICE, _CHEAPER = 0.015, 2.0
 """Loss for a bit a pixel of all photos in the last layer, and how many times more it is in each layer before."""
-_CHECK_SECONDS = 120.0
-_CHECK_ITERATIONS = 500
+_CHECK_ITERATIONS, _CHECK_PHOTOS = 500, 8
+"""Iterations between two looks at held-out photos, and at how many of them."""
+_LEAST_SEEN, _LEAST_ITERATIONS = 10, 500
+"""How often each photo is learnt from at least, and iterations, of a run that has converged."""
+_FALL = 1.0
+"""dB that the end of such a run may lie below what was measured on the way."""
 _SAVE_SECONDS = 180.0
 _SETTLED = 0.25
 """Fraction of the run after which pictures lie where they will."""
-_LEAST_HALF = 360
-"""Pixels of the longest side of a photo at half its size: what is learnt of smaller ones has to be learnt again."""
-_FINISH = 0.1
-"""Share of the time that is kept for networks and the file, with a maximum in seconds."""
-_MOST_FINISH = 180.0
 _MEMORY = 0.98
-
-
-class Clock:
-    """How much of a run is done, by iterations or by time: minus what the file takes at the end.
-
-    Attributes:
-        before: seconds spent before an interruption.
-    """
-
-    def __init__(self, options: TrainOptions) -> None:
-        self.iterations, self.before = options.iterations, 0.0
-        whole = 60 * (options.minutes or 0.0)
-        self._seconds = whole - min(_FINISH * whole, _MOST_FINISH)
-        self._started = time.monotonic()
-
-    @property
-    def spent(self) -> float:
-        """Seconds, those before an interruption included."""
-        return self.before + time.monotonic() - self._started
-
-    def done(self, iteration: int) -> float:
-        """Fraction of the run, 1 or more when it is over."""
-        if self.iterations is not None:
-            return iteration / self.iterations
-        return self.spent / self._seconds
-
-    def planned(self, iteration: int) -> int:
-        """How many iterations it will be."""
-        done = self.done(iteration)
-        return self.iterations or max(iteration, round(iteration / done) if done > 0 else 0)
 
 
 def camera_spacing(eyes: Tensor) -> float:
@@ -106,27 +83,18 @@ def camera_spacing(eyes: Tensor) -> float:
     return float(distances.amin(dim=1).median())
 
 
-def photos(chosen: tuple[Photo, ...], device: torch.device) -> list[View]:
-    """Cameras and what pictures of them are to look like, on a device."""
-    return [(photo.camera, Target.of(torch.from_numpy(np.array(pixels(photo))).to(device))) for photo in chosen]
-
-
-def half_size_views(chosen: tuple[Photo, ...], device: torch.device) -> list[View]:
-    """Photos at half their size; none where that would leave too little to see."""
-    if max(max(photo.camera.width, photo.camera.height) for photo in chosen) < 2 * _LEAST_HALF:
-        return []
-    return photos(tuple(replace(photo, camera=photo.camera.scaled(0.5)) for photo in chosen), device)
-
-
-def make_trainer(capture: Capture, options: TrainOptions) -> Trainer:
+def make_trainer(capture: Capture, options: TrainOptions, folder: Path | None = None) -> Trainer:
     """A run before its first iteration.
+
+    Args:
+        folder: for the pixels of photos, see :func:`store_photos`.
 
     Raises:
         InvalidInput: as of :func:`run_device`.
     """
     device, preset = run_device(options.device), PRESETS[options.preset]
-    views = photos(capture.train, device)
-    eyes = np.stack([camera.centre for camera, _ in views])
+    views = store_photos(capture.train, folder)
+    eyes = np.stack([view.camera.centre for view in views])
     extent = EXTENT * float(np.linalg.norm(eyes - eyes.mean(axis=0), axis=1).max(initial=1e-6))
     points = torch.from_numpy(capture.points)
     plan = LayerPlan.of(options.layers, options.last_layer)
@@ -146,14 +114,14 @@ def make_trainer(capture: Capture, options: TrainOptions) -> Trainer:
         extent=extent,
         vectors=_vq_features(preset, plan.count, options.seed, device),
     )
-    pixel_count = sum(camera.width * camera.height for camera, _ in views)
-    price = [options.lambda_ * _LAST_PRICE * _FALL ** (plan.count - 1 - layer) for layer in range(plan.count)]
+    pixel_count = sum(view.camera.width * view.camera.height for view in views)
+    price = [options.lambda_ * _LAST_PRICE * _CHEAPER ** (plan.count - 1 - layer) for layer in range(plan.count)]
     wanted = None if options.size is None else [options.size * share for share in plan.shares]
     return Trainer(
         state=state,
         rate_controller=RateController(price, pixel_count, wanted, LEAST_PRICE * options.lambda_),
         views=views,
-        small=half_size_views(capture.train, device) or views,
+        small=half_size(views) or views,
         curriculum=preset.curriculum,
         background=torch.zeros(3, device=device),
         camera_jitter=preset.camera_jitter * camera_spacing(torch.from_numpy(eyes)),
@@ -171,44 +139,46 @@ def _vq_features(preset: Preset, layers: int, seed: int, device: torch.device) -
     return VqFeatures(quantiser.to(device), by_layer, priced=not preset.paper)
 
 
-_KEPT = ("threads", "psnr", "bytes", "loss")
+_KEPT = ("threads", "psnr", "best", "bytes", "loss")
 """What a checkpoint has of a run."""
 
 
 class Run:
-    """A training that goes on: its trainer, its clock, what it has found so far.
+    """A training that goes on: its trainer, its budget, what it has found so far.
 
     A run keeps its number of threads, also over an interruption, whatever else in the process changes it.
     """
 
-    def __init__(self, capture: Capture, options: TrainOptions, report: Report) -> None:
+    def __init__(self, capture: Capture, options: TrainOptions, report: Report, folder: Path | None) -> None:
         self.report = report
+        self.budget = Budget(options, capture.seconds)
         self.threads = count_threads()
         with one_thread():  # so that a run is taken up on the same lattice, whatever its number of threads
-            self.trainer = make_trainer(capture, options)
-        self.clock = Clock(options)
-        self.held_out = photos(capture.test, self.trainer.state.device)
+            self.trainer = make_trainer(capture, options, folder)
+        self.held_out = store_photos(capture.test, folder)
         self.psnr: float | None = None
+        self.best = -math.inf
         self.bytes: int | None = None
         self.displacement: float | None = None
         self.loss = float("nan")
-        self._checked = self._saved = time.monotonic()
+        self._saved = time.monotonic()
+        self.budget.begin()
 
     def state(self) -> dict[str, Any]:
         """For a checkpoint."""
-        own = {name: getattr(self, name) for name in _KEPT} | {"spent": self.clock.spent}
+        own = {name: getattr(self, name) for name in _KEPT} | {"trained": self.budget.trained}
         return {"run": own, "trainer": self.trainer.checkpoint()}
 
     def load(self, state: dict[str, Any]) -> None:
         """Go on from a checkpoint."""
         self.trainer.resume(state["trainer"])
         own = dict(state["run"])
-        self.clock.before = own.pop("spent")
+        self.budget.before = own.pop("trained")
         vars(self).update(own)
 
     def step(self) -> bool:
         """One iteration; False when the run is over."""
-        done = self.clock.done(self.trainer.iteration)
+        done = self.budget.done(self.trainer.iteration)
         if done >= 1:
             return False
         torch.set_num_threads(self.threads)
@@ -220,13 +190,14 @@ class Run:
 
     def progress(self) -> Progress:
         """The progress of the run."""
-        trainer, clock = self.trainer, self.clock
-        done = max(clock.done(trainer.iteration), 1e-9)
+        trainer, budget = self.trainer, self.budget
+        done = max(budget.done(trainer.iteration), 1e-9)
+        left = budget.seconds - budget.spent if budget.iterations is None else budget.spent * (1 - done) / done
         return Progress(
             iteration=trainer.iteration,
-            iterations=clock.planned(trainer.iteration),
-            seconds=clock.spent,
-            seconds_left=max(clock.spent * (1 - done) / done, 0.0),
+            iterations=budget.planned(trainer.iteration),
+            seconds=budget.spent,
+            seconds_left=max(left, 0.0),
             phase=trainer.phase(done),
             psnr=self.psnr,
             bytes=self.bytes,
@@ -237,30 +208,47 @@ class Run:
 
     def check_due(self) -> bool:
         """Whether it is time to look at held-out photos."""
-        if self.clock.iterations is not None:
-            return self.trainer.iteration % _CHECK_ITERATIONS == 0
-        return time.monotonic() - self._checked > _CHECK_SECONDS
+        return self.budget.check_due(self.trainer.iteration, _CHECK_ITERATIONS)
 
     def check(self) -> dict[str, Any]:
         """Look at held-out photos and at what the writer makes of the values as they are; figures for the log."""
+        with self.budget.checking():
+            return self._check()
+
+    def _check(self) -> dict[str, Any]:
         trainer = self.trainer
-        last = trainer.state.plan.count - 1
-        self.psnr, _ = quality(trainer.state, self.held_out, last if trainer.noisy else None, trainer.background)
+        layer = trainer.state.plan.count - 1 if trainer.noisy else None
+        self.psnr, _ = self._quality(evenly(self.held_out, _CHECK_PHOTOS), layer)
+        self.best = max(self.best, self.psnr)
         figures: dict[str, Any] = {"prices": str(trainer.rate_controller.price)}
         if trainer.noisy:
-            sizes = layer_sizes(write_scene(trainer.written()))
+            with self.budget.measured("coding"):
+                sizes = layer_sizes(write_scene(trainer.written()))
             self.bytes = sizes[-1]
             figures |= {"estimated": str(trainer.rate_controller.estimate), "written": str(sizes)}
             if len(sizes) == len(trainer.rate_controller.price):
                 trainer.rate_controller.record_sizes(sizes)
-        if self.displacement is None and self.clock.done(trainer.iteration) >= _SETTLED:
+        if self.displacement is None and self._settled():
             self.displacement = self._displacement()
             warn_of_displacement(self.displacement)
         figures |= {"displacement": self.displacement}
+        self._expect()
         if trainer.joint is not None:
             figures |= {"index_bits_an_anchor": trainer.index_bits, "hash_bits": trainer.joint.hash_bits}
-        self._checked = time.monotonic()
         return figures
+
+    def _expect(self) -> None:
+        """Tell the budget what the end will take."""
+        budget, trainer, count = self.budget, self.trainer, self.trainer.state.plan.count
+        looks = budget.looks(count, len(self.held_out)) * count
+        budget.pictures = looks + min(LOOKS, len(trainer.views))
+        if trainer.joint is not None:
+            budget.indexed, budget.costs["index"] = True, trainer.joint.seconds
+
+    def _settled(self) -> bool:
+        """Whether pictures lie where they will, and are sharp enough to tell."""
+        iteration = self.trainer.iteration
+        return self.budget.done(iteration) >= _SETTLED and iteration >= _LEAST_SEEN * len(self.trainer.views)
 
     def save_due(self) -> bool:
         """Whether it is time for a checkpoint."""
@@ -271,27 +259,56 @@ class Run:
         save_checkpoint(folder, self.trainer.iteration, self.state(), whose)
         self._saved = time.monotonic()
 
-    def result(self) -> Trained:
-        """The best file of what was learnt so far."""
+    def result(self, keep: Callable[[bytes], None] = nowhere) -> Trained:
+        """The best file of what was learnt so far.
+
+        Args:
+            keep: called with a file of the same scene, somewhat larger, before what takes longest begins.
+        """
         torch.set_num_threads(self.threads)
-        trainer = self.trainer
+        trainer, budget = self.trainer, self.budget
         trainer.finish()
-        scene = trainer.written()
-        opening = middle_camera([camera for camera, _ in trainer.views])
+        count = trainer.state.plan.count
+        looked = evenly(self.held_out, budget.looks(count, len(self.held_out)))
+        found = [self._quality(looked, layer) for layer in range(count)]
+        displaced, missing = self._displacement(), self._missing(found[-1][0])
+        held_out = tuple(view.camera.name for view in self.held_out)
+        scene = trainer.written({"held_out": list(held_out), "converged": not missing})
+        opening = middle_camera([view.camera for view in trainer.views])
         scene = replace(scene, streaming=build_streaming_block(scene, reconstruct_anchors(scene), opening))
-        data = smallest_file(scene, trainer.joint)
-        sizes = layer_sizes(data)
-        layers = tuple(
-            LayerQuality(size, *quality(trainer.state, self.held_out, layer, trainer.background))
-            for layer, size in enumerate(sizes)
-        )
-        return Trained(data, layers, trainer.iteration, self.clock.spent, self._displacement())
+        data = smallest_file(scene, trainer.joint, keep, lambda: not budget.may_train_predictors())
+        layers = tuple(LayerQuality(size, *each) for size, each in zip(layer_sizes(data), found, strict=True))
+        if missing:
+            warnings.warn(f"not converged: {missing}", InputWarning, stacklevel=2)
+        return Trained(data, layers, trainer.iteration, budget.spent, displaced, held_out, not missing)
+
+    def _quality(self, looked: Sequence[View], layer: int | None) -> tuple[float, float]:
+        trainer = self.trainer
+        with self.budget.measured("picture", len(looked)):
+            return quality(trainer.state, looked, layer, trainer.background)
+
+    def _missing(self, psnr: float) -> str:
+        """Why a longer run would do better, empty where none would by much."""
+        trainer = self.trainer
+        seen = trainer.iteration / len(trainer.views)
+        if seen < _LEAST_SEEN or trainer.iteration < _LEAST_ITERATIONS:
+            each = f"{plural(trainer.iteration, 'iteration')} saw each photo {seen:.1f} times"
+            return f"{each}; give more time, or a lower --resolution"
+        if psnr < self.best - _FALL:
+            return f"the end has {psnr:.2f} dB, {self.best - psnr:.2f} less than before; give more time"
+        return ""
 
     def _displacement(self) -> float:
         """How far pictures lie beside the photos learnt from."""
         state, views, background = self.trainer.state, self.trainer.views, self.trainer.background
         looked = views[:: -(-len(views) // LOOKS)]
-        return displacement((draw(state, camera, None, background), target) for camera, target in looked)
+        device = state.device
+        return displacement((draw(state, view.camera, None, background), view.photo(device)) for view in looked)
+
+
+def evenly(views: Sequence[View], count: int) -> list[View]:
+    """At most `count` of some views, spread over them."""
+    return [views[place * len(views) // count] for place in range(count)] if count < len(views) else list(views)
 
 
 def layer_sizes(data: bytes) -> list[int]:
@@ -319,12 +336,14 @@ def train(
         leave: asked as often, where there is a folder, whether to leave off: with a checkpoint, and without a file.
 
     Raises:
-        InvalidInput: ``input-options``, ``input-dependency``, ``input-checkpoint``.
+        InvalidInput: ``input-options``, also where memory or disk is too small, ``input-dependency``,
+            ``input-checkpoint``.
         Suspended: `leave` said yes; the next call goes on.
     """
     options = (options or TrainOptions()).resolve()
+    check_room(capture, folder)
     with reproducible(run_device(options.device)):
-        run = Run(capture, options, report)
+        run = Run(capture, options, report, folder)
         if folder is not None:
             return _train_in(folder, run, identity(capture, options), stop, leave)
         while run.step() and not stop():
@@ -338,7 +357,7 @@ def _train_in(folder: Path, run: Run, whose: str, stop: Stop, leave: Stop) -> Tr
     checkpoint = load_checkpoint(folder, whose)
     if checkpoint is not None:
         run.load(checkpoint[1])
-    with RunLog(folder, run.trainer.iteration) as log:
+    with RunLog(folder, run.trainer.iteration, [view.camera.name for view in run.held_out]) as log:
         while run.step() and not stop():
             if run.check_due():
                 figures = run.check()
@@ -349,7 +368,8 @@ def _train_in(folder: Path, run: Run, whose: str, stop: Stop, leave: Stop) -> Tr
                 run.save(folder, whose)
                 raise Suspended(run.progress())
         run.save(folder, whose)
-        trained = run.result()
+        run.report(replace(run.progress(), phase=FINISHING))
+        trained = run.result(partial(save_draft, folder))
         ended = replace(run.progress(), psnr=trained.layers[-1].psnr, bytes=len(trained.data), phase="written")
         log.note(ended, layers=str([(layer.bytes, round(layer.psnr, 3)) for layer in trained.layers]))
     return trained

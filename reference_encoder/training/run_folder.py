@@ -12,6 +12,7 @@ import math
 import re
 import time
 import warnings
+from collections.abc import Sequence
 from dataclasses import asdict, replace
 from pathlib import Path
 from types import TracebackType
@@ -27,7 +28,7 @@ from reference_encoder.training.presets import PRESETS
 from scarfmt.atomic import atomic_write
 from scarfmt.errors import InputWarning, InvalidInput
 
-LOG, PLOT = "log.jsonl", "plot.png"
+LOG, PLOT, DRAFT, HELD_OUT = "log.jsonl", "plot.png", "draft.scar", "held-out.txt"
 DRAW_EVERY_SECONDS = 180.0
 _PANELS = (("psnr", "PSNR, held out (dB)"), ("bytes", "bytes"), ("anchors", "anchors"))
 
@@ -39,11 +40,15 @@ class RunLog:
         folder: of the training; made if it is not there.
         iteration: after which training goes on, 0 for its start. Lines about later ones, from before an interruption,
             are dropped: they are about to happen again.
+        held_out: names of the photos that are not learnt from, kept in a file beside the log, one a line.
     """
 
-    def __init__(self, folder: Path, iteration: int = 0) -> None:
+    def __init__(self, folder: Path, iteration: int = 0, held_out: Sequence[str] = ()) -> None:
         folder.mkdir(parents=True, exist_ok=True)
         self._folder = folder
+        if held_out:
+            with atomic_write(folder / HELD_OUT, force=True) as stream:
+                stream.write("".join(f"{name}\n" for name in held_out).encode())
         entries = [entry for entry in read_log(folder) if entry["iteration"] <= iteration]
         with atomic_write(folder / LOG, force=True) as stream:
             stream.writelines(_line(entry) for entry in entries)
@@ -140,6 +145,12 @@ def save_checkpoint(folder: Path, iteration: int, state: State, whose: str) -> N
     _keep(folder, KEPT)
 
 
+def save_draft(folder: Path, data: bytes) -> None:
+    """Write a file that is whole, but not the smallest yet: who is cut off while that is sought has this one."""
+    with atomic_write(folder / DRAFT, force=True) as stream:
+        stream.write(data)
+
+
 def load_checkpoint(folder: Path, whose: str) -> tuple[int, State] | None:
     """Iteration and state of the newest checkpoint that can be read; None where there is none.
 
@@ -192,13 +203,14 @@ def last_iteration(folder: Path) -> int | None:
 
 
 def discard_checkpoints(folder: Path) -> None:
-    """Remove the checkpoints of a training that has ended; its log and plot stay."""
+    """Remove the checkpoints and the draft of a training that has ended; its log and plot stay."""
     _keep(folder, 0)
+    (folder / DRAFT).unlink(missing_ok=True)
 
 
 def _keep(folder: Path, count: int) -> None:
     """Remove all but the newest `count`, and what a kill left of one that was being written."""
-    unfinished = list(folder.glob(".checkpoint-*.part"))
+    unfinished = [*folder.glob(".checkpoint-*.part"), *folder.glob(f".{DRAFT}*.part")]
     for path in [*unfinished, *(path for _, path in _checkpoints(folder)[count:])]:
         path.unlink(missing_ok=True)
 

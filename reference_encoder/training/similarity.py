@@ -1,14 +1,13 @@
 """L1 and SSIM of a picture against a photo, with the gradient written out (Wang et al. 2004; paper §3.5).
 
-SSIM with a Gaussian window of 11 pixels, sigma 1.5, zeros beyond the edges, a map a channel. What depends on the photo
-alone is computed once a photo. On processors the loops are C (similarity.c), a fifth of the time of torch's; elsewhere
-the same in torch.
+SSIM with a Gaussian window of 11 pixels, sigma 1.5, zeros beyond the edges, a map a channel. On processors the loops
+are C (similarity.c), a fifth of the time of torch's; elsewhere the same in torch. Photos are (H, W, 3) uint8, and
+nothing is kept of them.
 """
 
 from __future__ import annotations
 
 import ctypes
-from dataclasses import dataclass
 from functools import cache, partial
 from typing import Any
 
@@ -17,7 +16,6 @@ from torch import Tensor
 from torch.nn import functional
 
 from reference_encoder.training.raster.compiled import on_threads
-from scarfmt.render.camera import Camera
 from scarfmt.render.native.binding import load
 
 
@@ -25,7 +23,7 @@ class Similarity(ctypes.Structure):
     """The arguments of a call of similarity.c; `Similarity` there describes each."""
 
     _fields_ = (
-        *((name, ctypes.c_void_p) for name in ("picture", "photo", "mean", "square", "window")),
+        *((name, ctypes.c_void_p) for name in ("picture", "photo", "window")),
         *((name, ctypes.c_void_p) for name in ("by_mean", "by_square", "by_product", "gradient", "sums", "scratch")),
         ("height", ctypes.c_int64),
         ("width", ctypes.c_int64),
@@ -44,7 +42,7 @@ def _library() -> ctypes.CDLL:
 
 
 _RADIUS, _SIGMA = 5, 1.5
-_REACH = 3 * _RADIUS
+_REACH, _MAPS = 3 * _RADIUS, 5
 _C1, _C2 = 0.01**2, 0.03**2
 SSIM_SHARE = 0.2
 """Share of 1 - SSIM in the loss of a picture, as in 3DGS and Scaffold-GS; the rest is L1 (paper §3.5)."""
@@ -74,39 +72,20 @@ def blur(maps: Tensor) -> Tensor:
     return maps
 
 
-@dataclass(frozen=True)
-class Target:
-    """A photo, and what SSIM needs of it.
-
-    Attributes:
-        pixels: (H, W, 3) float32, 0..1.
-        mean, square: (H, W, 3) window means of it and of its squares.
-    """
-
-    pixels: Tensor
-    mean: Tensor
-    square: Tensor
-
-    @classmethod
-    def of(cls, photo: Tensor) -> Target:
-        """Build the target from (H, W, 3) uint8."""
-        pixels = photo.contiguous().float() / 255
-        return cls(pixels, blur(pixels).contiguous(), blur(pixels * pixels).contiguous())
+def intensities(photo: Tensor) -> Tensor:
+    """(H, W, 3) float32, 0..1."""
+    return photo.contiguous().float() / 255
 
 
-View = tuple[Camera, Target]
-"""A camera, and what its picture is to look like."""
-
-
-def _compiled(picture: Tensor, target: Target, share: float) -> tuple[Tensor, Tensor]:
+def _compiled(picture: Tensor, photo: Tensor, share: float) -> tuple[Tensor, Tensor]:
     """Value and gradient by similarity.c."""
     height, width, _ = picture.shape
     threads = torch.get_num_threads()
     slopes = torch.empty(4, height, width, 3)
     sums = torch.empty(height, 2, dtype=torch.float64)
-    scratch = torch.empty(threads, 6 * (3 * width + 2 * _REACH))
+    scratch = torch.empty(threads, 2 * _MAPS * (3 * width + 2 * _REACH))
     window = torch.tensor(_WINDOW)
-    tensors = (picture, target.pixels, target.mean, target.square, window, *slopes, sums, scratch)
+    tensors = (picture, intensities(photo), window, *slopes, sums, scratch)
     job = Similarity(*(tensor.data_ptr() for tensor in tensors), height, width, share, _C1, _C2)
     for phase in (1, 2):
         on_threads(partial(_library().scar_similarity, ctypes.byref(job), phase), height)
@@ -114,17 +93,17 @@ def _compiled(picture: Tensor, target: Target, share: float) -> tuple[Tensor, Te
     return (1 - share) * l1 + share * (1 - similar), slopes[3]
 
 
-def _by_torch(x: Tensor, target: Target, share: float) -> tuple[Tensor, Tensor]:
+def _by_torch(x: Tensor, photo: Tensor, share: float) -> tuple[Tensor, Tensor]:
     """Value and gradient, formula by formula as in similarity.c."""
-    y = target.pixels
-    mean, square, product = blur(torch.cat([x, x * x, x * y], dim=2)).chunk(3, dim=2)
-    a1, b1 = 2 * mean * target.mean + _C1, mean**2 + target.mean**2 + _C1
-    a2 = 2 * (product - mean * target.mean) + _C2
-    b2 = (square - mean**2) + (target.square - target.mean**2) + _C2
+    y = intensities(photo)
+    mean, square, product, my, sy = blur(torch.cat([x, x * x, x * y, y, y * y], dim=2)).chunk(_MAPS, dim=2)
+    a1, b1 = 2 * mean * my + _C1, mean**2 + my**2 + _C1
+    a2 = 2 * (product - mean * my) + _C2
+    b2 = (square - mean**2) + (sy - my**2) + _C2
     scale = 1 / (b1 * b2)
     ssim = a1 * a2 * scale
     by_product, by_square = 2 * a1 * scale, -ssim / b2
-    by_mean = 2 * (target.mean * a2 * scale - mean * ssim / b1 - mean * by_square) - target.mean * by_product
+    by_mean = 2 * (my * a2 * scale - mean * ssim / b1 - mean * by_square) - my * by_product
     through = blur(torch.cat([by_mean, by_square, by_product], dim=2)).chunk(3, dim=2)
     gradient = through[0] + 2 * x * through[1] + y * through[2]
     gradient = ((1 - share) * torch.sign(x - y) - share * gradient) / x.numel()
@@ -135,9 +114,9 @@ class _Dissimilarity(torch.autograd.Function):
     """The gradient is found on the way forward."""
 
     @staticmethod
-    def forward(ctx: Any, picture: Tensor, target: Target, share: float) -> Tensor:
+    def forward(ctx: Any, picture: Tensor, photo: Tensor, share: float) -> Tensor:
         compute = _compiled if picture.device.type == "cpu" else _by_torch
-        value, gradient = compute(picture.contiguous(), target, share)
+        value, gradient = compute(picture.contiguous(), photo, share)
         ctx.save_for_backward(gradient)
         return value
 
@@ -147,20 +126,20 @@ class _Dissimilarity(torch.autograd.Function):
         return outputs[0] * gradient, None, None
 
 
-def dissimilarity(picture: Tensor, target: Target, share: float = SSIM_SHARE) -> Tensor:
+def dissimilarity(picture: Tensor, photo: Tensor, share: float = SSIM_SHARE) -> Tensor:
     """(1 - share) L1 + share (1 - SSIM) of an (H, W, 3) picture, a scalar that is differentiable once."""
-    return _Dissimilarity.apply(picture, target, share)  # type: ignore[no-any-return,no-untyped-call]
+    return _Dissimilarity.apply(picture, photo, share)  # type: ignore[no-any-return,no-untyped-call]
 
 
 @torch.no_grad()
-def ssim(picture: Tensor, target: Target) -> float:
+def ssim(picture: Tensor, photo: Tensor) -> float:
     """Mean SSIM of an (H, W, 3) picture."""
-    return 1 - float(dissimilarity(picture, target, 1.0))
+    return 1 - float(dissimilarity(picture, photo, 1.0))
 
 
 @torch.no_grad()
-def psnr(picture: Tensor, target: Target) -> float:
+def psnr(picture: Tensor, photo: Tensor) -> float:
     """PSNR in dB of an (H, W, 3) picture rounded to 8 bits."""
     shown = torch.round(picture.clamp(0, 1) * 255) / 255
-    error = ((shown - target.pixels) ** 2).double().mean()
+    error = ((shown - intensities(photo)) ** 2).double().mean()
     return float(-10 * torch.log10(error))

@@ -16,9 +16,10 @@ from torch import Tensor
 
 from reference_encoder.training.anchors import SLOTS
 from reference_encoder.training.neural_gaussians import expand, in_view
+from reference_encoder.training.photo_store import View
 from reference_encoder.training.raster import rasterise
 from reference_encoder.training.rate import CLOSED_BITS, MASK_BITS, POSITION_BITS
-from reference_encoder.training.similarity import View, dissimilarity
+from reference_encoder.training.similarity import dissimilarity, intensities
 from reference_encoder.training.state import WEIGHT_BITS, State
 
 _BISECTIONS = 60
@@ -76,7 +77,8 @@ def measure_importance(state: State, views: Sequence[View], background: Tensor) 
     seen.energy *= _REMEMBERED
     seen.looked *= _REMEMBERED
     losses, errors = 0.0, 0.0
-    for camera, target in views:
+    for view in views:
+        camera, photo = view.camera, view.photo(state.device)
         a = state.anchors
         rows = in_view(state.frame.world(a.lattice), a.scaling, a.offsets, camera)
         with torch.no_grad():
@@ -89,8 +91,8 @@ def measure_importance(state: State, views: Sequence[View], background: Tensor) 
         if opacities.grad is not None:
             flat = rows[owners] * SLOTS + slots
             seen.energy.view(-1)[flat] += (opacities.grad * opacities.detach()) ** 2 / image.numel()
-        losses += float(dissimilarity(image.detach(), target))
-        errors += float(((image.detach() - target.pixels) ** 2).mean())
+        losses += float(dissimilarity(image.detach(), photo))
+        errors += float(((image.detach() - intensities(photo)) ** 2).mean())
     # L1 and 1 - SSIM grow like the root of the squared error.
     slope = losses / (2 * max(errors, 1e-12))
     seen.looked += len(views)

@@ -16,9 +16,9 @@ from reference_encoder.training.export import fit_table_limits, quantise_scene
 from reference_encoder.training.index_entropy import JointIndexModel
 from reference_encoder.training.iterate import iterate
 from reference_encoder.training.optimizer import WeightAverage
+from reference_encoder.training.photo_store import View
 from reference_encoder.training.presets import Curriculum, Moment, moment
 from reference_encoder.training.rate_controller import RateController
-from reference_encoder.training.similarity import View
 from reference_encoder.training.slot_importance import first_layers, measure_importance
 from reference_encoder.training.state import State
 from scarfmt.coding.writer import QuantisedScene
@@ -31,9 +31,14 @@ _DECISIONS, _DECIDE_EVERY = 20, 100
 """Decisions of masks in a run, and the least iterations between two."""
 _LOOKS, _FIRST_LOOKS = 48, 144
 """Photos that each decision and that the first looks at."""
+_LEARNT_A_LOOK = 4
+"""Iterations of a run for each photo that a decision looks at, at least."""
 _LEFT = 0.001
 """Least share of its bits that the last layer has left after all decisions. Each takes its part of that, so that what
 stays has the time to do what others did, and none closes what is missed for good."""
+_LEFT_A_ROUND = 0.7
+"""The same for each time that all photos have been learnt from since the decision before: what is closed before its
+photos were seen was never judged."""
 _YOUNG = 400
 """Iterations in which an anchor may show what it is worth."""
 _STEER_EVERY = 100
@@ -154,10 +159,15 @@ class Trainer:
             weight = self.state.statistics.weight.sum(dim=1)
             vectors.begin(self.state.anchors.latent.detach(), weight)
 
-    def written(self) -> QuantisedScene:
-        """All integers of the file as they would be now; cells that no table could serve are wider from now on."""
+    def written(self, notes: Mapping[str, Any] | None = None) -> QuantisedScene:
+        """All integers of the file as they would be now; cells that no table could serve are wider from now on.
+
+        Args:
+            notes: about the training, for the file's METADATA.
+        """
         fit_table_limits(self.state)
-        return quantise_scene(self.state, {"training": {"iterations": self.iteration}}, len(self.state.anchors))
+        training = {"iterations": self.iteration, **(notes or {})}
+        return quantise_scene(self.state, {"training": training}, len(self.state.anchors))
 
     def _learn_indices(self) -> None:
         assert self.joint is not None
@@ -216,8 +226,11 @@ class Trainer:
             masks: how much of the time for decisions is over.
         """
         state = self.state
-        count = min(_LOOKS if self.decided else _FIRST_LOOKS, len(self.small))
-        keeps = _LEFT ** (masks - self.decided)
+        # A look takes as long as an iteration: a run that is cut short does not look longer than it learnt.
+        most = _LOOKS if self.decided else _FIRST_LOOKS
+        count = min(most, len(self.small), max(self.iteration // _LEARNT_A_LOOK, 1))
+        rounds = (self.iteration - self.decided_at) / len(self.views)
+        keeps = max(_LEFT ** (masks - self.decided), _LEFT_A_ROUND**rounds)
         self.decided, self.decided_at = masks, self.iteration
         # Along the path of the camera, others each time.
         turn = round(_DECISIONS * masks)

@@ -4,17 +4,20 @@ from __future__ import annotations
 
 import math
 import warnings
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any
 
 import click
 
 from scarfmt.cli.failures import requires_extra, warnings_on_stderr
-from scarfmt.cli.files import check_stdout, timeout_option
+from scarfmt.cli.files import check_stdout, open_input, timeout_option
 from scarfmt.cli.progress import Tell, progress
 from scarfmt.cli.report import Report, reports
 from scarfmt.cli.views import EVERYWHERE, LISTED, ViewOptions, listed_cameras, view_options, views_of
+from scarfmt.container.header import is_scar
 from scarfmt.errors import InputWarning
+from scarfmt.tools.inspection import inspect
 
 if TYPE_CHECKING:
     from scarfmt.cli.scenes import SceneOrigin, Subject
@@ -31,12 +34,14 @@ class Request:
         listed: the cameras of --cameras, or None.
         ssim: whether to compute SSIM too.
         photos: folder of photos to compare both scenes with, or None.
+        held_out: names of those that were not learnt from; none where the folder has to say it.
     """
 
     views: ViewOptions
     listed: list[Camera] | None
     ssim: bool
     photos: str | None
+    held_out: tuple[str, ...] = ()
 
 
 _MIDDLE = (0.1, 0.9)
@@ -73,7 +78,8 @@ class Quality:
 @click.option("--all-layers", is_flag=True, help="Compare each number of layers of B, which must be a .scar file.")
 @click.option("--ssim/--no-ssim", default=True, show_default=True, help="Compute SSIM, which takes as long as drawing.")
 @click.option("--photos", type=click.Path(exists=True),
-              help="Folder with cameras and images/. Compare A and B with these photos.")  # fmt: skip
+              help="Folder with cameras and images/. Compare A and B with these photos: those held out of training, as a"
+              " trained file or else the list of cameras says.")  # fmt: skip
 @timeout_option
 @reports
 @requires_extra("render")
@@ -109,13 +115,39 @@ def compare(
 
     check_stdout()
     with warnings_on_stderr(), progress() as report:
-        request = Request(options, listed_cameras(options), ssim, photos)
         first, second = scene_origin(a), scene_origin(b)
+        held_out = () if photos is None else _held_out(photos, (second, first))
+        request = Request(options, listed_cameras(options), ssim, photos, held_out)
         if all_layers:
             rows = _compare_layers(first, layers_a, second, request, report)
         else:
             result = _compare_pair(first, layers_a, second, layers_b, request, report)
     return _layers_report(a, b, rows) if all_layers else _pair_report(a, b, result)
+
+
+def _held_out(photos: str, origins: Sequence[SceneOrigin]) -> tuple[str, ...]:
+    """Names of the photos that the first trained file held out; none where the list of cameras marks them or nobody
+    does, which is told."""
+    from scarfmt.render.capture import load_cameras
+
+    for origin in origins:
+        names = _training(origin).get("held_out")
+        if isinstance(names, list) and names:
+            return tuple(map(str, names))
+    if not any(camera.split for camera in load_cameras(photos)):
+        message = "nobody says which photos were held out: all are compared, also those that a scene was trained on"
+        warnings.warn(message, InputWarning, stacklevel=2)
+    return ()
+
+
+def _training(origin: SceneOrigin) -> dict[str, Any]:
+    """What the METADATA of a .scar file say about its training; empty where they say nothing."""
+    if not is_scar(origin):
+        return {}
+    with open_input(origin) as source:
+        metadata = inspect(source, metadata=True)["metadata"] or {}
+    training = metadata.get("training")
+    return training if isinstance(training, dict) else {}
 
 
 def _compare_pair(
@@ -159,7 +191,7 @@ def _with_photos(subject: Subject, request: Request) -> Quality:
     from scarfmt.render.compare import compare_with_photos
 
     assert request.photos is not None
-    found = compare_with_photos(subject.view, request.photos, ssim=request.ssim)
+    found = compare_with_photos(subject.view, request.photos, ssim=request.ssim, names=request.held_out)
     return Quality(found, {"photos": found})
 
 

@@ -8,7 +8,7 @@ import tempfile
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from types import FrameType
 from typing import TYPE_CHECKING, Any, NoReturn
@@ -18,6 +18,7 @@ import click
 from reference_encoder.training.options import (
     DEFAULT_MINUTES,
     DEVICES,
+    FINISHING,
     HOLD_OUT,
     LEAST_RESOLUTION,
     MAX_ITERATIONS,
@@ -57,7 +58,7 @@ RUN_ENDING = ".run"
     "--minutes",
     type=click.FloatRange(0, MAX_MINUTES, min_open=True),
     metavar="M",
-    help=f"Minutes to train, without the time for reading the capture [default: {DEFAULT_MINUTES:g}].",
+    help=f"Minutes from the start to the file, with reading and poses [default: {DEFAULT_MINUTES:g}].",
 )
 @click.option(
     "--iterations",
@@ -154,6 +155,7 @@ def train(capture: str, output: str, folder: str | None, force: bool, quiet: boo
       scarfmt train photos/ small.scar --lambda 4 --layers 3
       scarfmt train capture/ scene.scar --preset paper --run runs/paper
     """
+    started = time.monotonic()
     hold_out, resolution, slice_minutes = given.pop("hold_out"), given.pop("resolution"), given.pop("slice_minutes")
     leave = never if slice_minutes is None else _after(slice_minutes)
     options = TrainOptions(**{name: value for name, value in given.items() if value is not None}).resolve()
@@ -163,6 +165,7 @@ def train(capture: str, output: str, folder: str | None, force: bool, quiet: boo
         raise click.UsageError("--slice-minutes needs a folder for checkpoints: give --run")
     with warnings_on_stderr(quiet), progress(quiet) as report, _workspace(run) as workspace:
         photos = _read(capture, resolution, HOLD_OUT if hold_out is None else hold_out, workspace, report)
+        photos = replace(photos, seconds=time.monotonic() - started)
         if not quiet:
             _print_capture(photos)
         with _stoppable(quiet) as stop:
@@ -219,6 +222,7 @@ def _after(minutes: float) -> Stop:
 
 
 def _read(path: str, resolution: int | None, hold_out: int, workspace: Path, report: Tell) -> Capture:
+    import reference_encoder.training.run  # noqa: F401 - what takes long is loaded while the time of reading counts
     from reference_encoder.training.capture import load_capture
 
     return load_capture(path, resolution, hold_out, workspace, report)
@@ -235,13 +239,28 @@ def _train(
         click.echo(f"continuing from iteration {before:,}", err=True)
 
     def tell(now: Progress) -> None:
-        report(_described(now), now.iteration / max(now.iterations, 1))
+        report(_described(now), now.seconds / max(now.seconds + now.seconds_left, 1e-9))
+        if now.phase == FINISHING and not quiet:
+            click.echo(f"scarfmt: {FINISHING}; if cut off, the same command goes on, from {run}", err=True)
 
     try:
         trained: Trained = train_capture(capture, options, run, tell, stop, leave)
     except Suspended as left:
         _leave_off(left, run, quiet)
+    except KeyboardInterrupt:
+        _print_kept(run, quiet)
+        raise
     return trained
+
+
+def _print_kept(run: Path | None, quiet: bool) -> None:
+    """Say what an aborted run leaves."""
+    from reference_encoder.training.run_folder import DRAFT
+
+    if run is None or quiet:
+        return
+    draft = f"; {run / DRAFT} is the file so far" if (run / DRAFT).is_file() else ""
+    click.echo(f"scarfmt: aborted: the same command continues, from {run}{draft}", err=True)
 
 
 def _leave_off(left: Suspended, run: Path | None, quiet: bool) -> NoReturn:
@@ -277,10 +296,12 @@ def _described(now: Progress) -> str:
 
 
 def _print_capture(capture: Capture) -> None:
+    from reference_encoder.training.room import Room
+
     sizes = sorted({f"{photo.camera.width}x{photo.camera.height}" for photo in capture.photos})
     size = sizes[0] if len(sizes) == 1 else f"{len(sizes)} sizes"
     line = f"{len(capture.photos)} photos of {size}, {len(capture.test)} held out; {len(capture.points):,} points"
-    click.echo(line, err=True)
+    click.echo(f"{line}; about {Room.of(capture)}", err=True)
 
 
 def _summary(trained: Trained) -> str:

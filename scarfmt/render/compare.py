@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Collection, Iterable, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -100,6 +100,7 @@ def compare_with_photos(
     split: str = "test",
     ssim: bool = True,
     background: Sequence[float] = (0.0, 0.0, 0.0),
+    names: Collection[str] = (),
 ) -> Comparison:
     """Compare the pictures of `scene` with the photos it was made from.
 
@@ -109,14 +110,19 @@ def compare_with_photos(
         split: take the cameras marked so; empty takes all, and so does a file that marks none.
         ssim: also compute SSIM.
         background: colour behind the scene.
+        names: take the cameras of these photos, whatever the file marks.
 
     Raises:
-        InvalidInput: no camera has that split, the cameras cannot be read, or a photo has another size than its camera.
+        InvalidInput: no camera has that split or name, the cameras cannot be read, or a photo has another size than its
+            camera.
         OSError: a file cannot be read.
     """
     everything = load_cameras(photos)
     marked = any(camera.split for camera in everything)
-    cameras = [camera for camera in everything if split in ("", camera.split) or not marked]
+    if names:
+        cameras = [camera for camera in everything if camera.name in names]
+    else:
+        cameras = [camera for camera in everything if split in ("", camera.split) or not marked]
     folder = (Path(photos) if Path(photos).is_dir() else Path(photos).parent) / "images"
     draw = _drawer(scene, background)
     pairs = each_view(lambda camera: (camera.name, draw(camera), read_image(folder / camera.name)), cameras)

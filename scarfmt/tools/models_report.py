@@ -65,12 +65,19 @@ def _network(models: SceneModels, network: IndexNetwork) -> dict[str, Any]:
         "inputs": {
             "classes": network.inputs.classes,
             "own": network.inputs.own,
-            "decoded": network.inputs.depths > 0,
+            "decoded": _sees_decoded(network),
             "latents": network.inputs.latents,
             "grid": network.inputs.grid,
         },
         "multiply_adds": network.multiply_adds(models.model.max_stages),
     }
+
+
+def _sees_decoded(network: IndexNetwork) -> bool:
+    """Whether any weight of the decoded context is other than 0; all are in the paper's network."""
+    inputs, weights = network.inputs, network.embed[0].weights
+    first = inputs.classes + (inputs.attributes if inputs.own else 0)
+    return bool(weights[:, first : inputs.width - inputs.grid].any())
 
 
 def _block_bytes(container: Container) -> dict[str, int]:

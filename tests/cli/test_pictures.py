@@ -179,6 +179,28 @@ def test_photos_judge_both_scenes(run: Run, ply: Path, encoded: Path, tmp_path: 
     assert results["a"]["mean_psnr_db"] > 45 > results["b"]["mean_psnr_db"]
 
 
+def test_photos_held_out_of_training_are_compared_and_what_cannot_be_known_is_said(
+    run: Run, ply: Path, tmp_path: Path
+) -> None:
+    """As the file says; else as the list of cameras marks them; else all of them."""
+    scene, trained = gaussians(300), tmp_path / "trained.scar"
+    said = 'training={"held_out": ["0.png", "2.png"]}'
+    assert run("encode", ply, trained, "--effort", 0, "--metadata", said).exit_code == 0
+    cameras = orbit_cameras(scene, 3, 64, 48)
+    listing = camera_list(cameras, tmp_path / "cameras.json")
+    (tmp_path / "images").mkdir()
+    for index, camera in enumerate(cameras):
+        write_png(tmp_path / "images" / f"{index}.png", render(scene, camera))
+    options = ("--photos", tmp_path, "--no-ssim")
+    assert compare_json(run, ply, trained, *options)["results"]["b"]["names"] == ["0.png", "2.png"]
+    assert compare_json(run, ply, ply, *options)["results"]["b"]["names"] == ["1.png", "2.png"]
+    listing.write_text(listing.read_text().replace('"split"', '"nobody"'))
+    assert compare_json(run, ply, trained, *options)["results"]["a"]["names"] == ["0.png", "2.png"]
+    result = run("compare", ply, ply, *options, "--json")
+    assert len(json.loads(result.stdout)["results"]["b"]["names"]) == 3
+    assert "nobody says which photos were held out" in result.stderr
+
+
 def test_render_writes_a_picture_per_view_and_a_sheet(run: Run, encoded: Path, tmp_path: Path) -> None:
     result = run("render", encoded, tmp_path / "out", *SMALL, "--sheet")
     assert result.exit_code == 0, result.stderr

@@ -16,6 +16,7 @@ from typing import cast
 import numpy as np
 
 from reference_encoder.training.networks.predictor_training import BUCKETS, float_contexts, quantised, train
+from reference_encoder.training.options import Stop, never
 from reference_encoder.tuning import (
     PREDICTOR_ANCHORS,
     PREDICTOR_ENTRY_BITS,
@@ -120,7 +121,7 @@ Gain = tuple[float, Predictor]
 
 
 def choose_predictors(
-    model: SceneModel, contents: Sequence[TileContent], bits: Sequence[int], seed: int = 0
+    model: SceneModel, contents: Sequence[TileContent], bits: Sequence[int], seed: int = 0, stop: Stop = never
 ) -> dict[int, tuple[Predictor, ...]]:
     """Predictors that pay, by the layer that sends them, keys ascending. Deterministic.
 
@@ -128,6 +129,7 @@ def choose_predictors(
         model: of the scene; its context says what predictors look at.
         contents, bits: its tiles, at the last layer, and their local bits per axis.
         seed: of samples and starts.
+        stop: asked before each whether to leave out those that are left, which would save least.
     """
     model, contents = _predicted_only(model, contents)
     whole = _totals(model, contents)
@@ -140,20 +142,22 @@ def choose_predictors(
 
     def best(item: tuple[Key, Sample]) -> Gain | None:
         key, sample = item
-        return _best(key, sample, static[key], seeds[key])
+        return None if stop() else _best(key, sample, static[key], seeds[key])
 
     gains: list[Gain | None] = []
-    for batch in _batches(model, whole, promising):
+    for batch in _batches(model, whole, sorted(promising, key=lambda key: (-static.get(key, 0.0), key))):
+        if stop():
+            break
         # Each predictor is trained by itself, so threads change nothing. No name holds samples while others are drawn.
         with ThreadPoolExecutor(count_threads()) as pool:
             gains += pool.map(best, samples(model, frames, contents, whole, batch, seeds).items())
     return _sent(model, [gain for gain in gains if gain is not None])
 
 
-def _batches(model: SceneModel, whole: Mapping[Key, int], keys: Collection[Key]) -> Iterator[list[Key]]:
-    """`keys`, step by step, cut where their samples would take more than `PREDICTOR_SAMPLE_BYTES`."""
+def _batches(model: SceneModel, whole: Mapping[Key, int], keys: Sequence[Key]) -> Iterator[list[Key]]:
+    """`keys`, cut where their samples would take more than `PREDICTOR_SAMPLE_BYTES`."""
     batch, taken = list[Key](), 0
-    for stream, component, step in sorted(keys, key=lambda key: (key[0], key[2])):
+    for stream, component, step in keys:
         channel = model.channel_index(Stream(stream))
         assert channel is not None
         key = stream, component, step

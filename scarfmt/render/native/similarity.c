@@ -8,15 +8,15 @@ row are its own: the same bits whatever the number of threads. */
 
 #include "../../native/compiler.h"
 
-enum { RADIUS = 5, REACH = 3 * RADIUS, MAPS = 3 };
+enum { RADIUS = 5, REACH = 3 * RADIUS, MAPS = 5 };
 
 typedef struct {
-    const float *picture, *photo, *mean, *square; /* (height, width * 3) */
-    const float *window;                          /* RADIUS + 1 weights, the middle first */
-    float *by_mean, *by_square, *by_product;      /* (height, width * 3), what phase 1 hands to phase 2 */
-    float *gradient;                              /* (height, width * 3) */
-    double *sums;                                 /* (height, 2): of L1, of SSIM */
-    float *scratch;                               /* (threads, MAPS * (width * 3 + 2 * REACH)) */
+    const float *picture, *photo;            /* (height, width * 3) */
+    const float *window;                     /* RADIUS + 1 weights, the middle first */
+    float *by_mean, *by_square, *by_product; /* (height, width * 3), what phase 1 hands to phase 2 */
+    float *gradient;                         /* (height, width * 3) */
+    double *sums;                            /* (height, 2): of L1, of SSIM */
+    float *scratch;                          /* (threads, 2 * MAPS * (width * 3 + 2 * REACH)) */
     int64_t height, width;
     float share, c1, c2;
 } Similarity;
@@ -31,14 +31,16 @@ INLINE void along(const float *restrict in, const float *restrict w,
     }
 }
 
-INLINE void add_moments(const float *restrict x, const float *restrict y, float w,
-                                                              float *restrict m, float *restrict s, float *restrict p,
-                                                              int64_t n) {
+/* Moments of picture and photo: m and my means, s and sy of squares, p of products. */
+INLINE void add_moments(const float *restrict x, const float *restrict y, float w, float *restrict m, float *restrict s,
+                        float *restrict p, float *restrict my, float *restrict sy, int64_t n) {
     for (int64_t i = 0; i < n; i++) {
-        float wx = w * x[i];
+        float wx = w * x[i], wy = w * y[i];
         m[i] += wx;
         s[i] += wx * x[i];
         p[i] += wx * y[i];
+        my[i] += wy;
+        sy[i] += wy * y[i];
     }
 }
 
@@ -52,11 +54,10 @@ INLINE void add_maps(const Similarity *t, int64_t at, float w, float *restrict m
     }
 }
 
-INLINE void derive(const Similarity *t, int64_t at, const float *restrict mean,
-                                                         const float *restrict square, const float *restrict product,
-                                                         int64_t n, double *sums) {
+INLINE void derive(const Similarity *t, int64_t at, const float *restrict mean, const float *restrict square,
+                   const float *restrict product, const float *restrict my, const float *restrict sy, int64_t n,
+                   double *sums) {
     const float *restrict x = t->picture + at, *restrict y = t->photo + at;
-    const float *restrict my = t->mean + at, *restrict sy = t->square + at;
     float *restrict by_mean = t->by_mean + at, *restrict by_square = t->by_square + at;
     float *restrict by_product = t->by_product + at;
     double l1 = 0, similar = 0;
@@ -90,25 +91,24 @@ INLINE void finish(const Similarity *t, int64_t at, const float *restrict m,
 
 /* Rows first..past-1 of phase 1 (slopes of SSIM by its moments) or 2 (the gradient), in the scratch of one thread. */
 EXPORT WIDE void scar_similarity(const Similarity *t, int64_t phase, int64_t first, int64_t past, int64_t thread) {
-    int64_t n = t->width * 3, wide = n + 2 * REACH;
-    float *m = t->scratch + thread * 2 * MAPS * wide, *s = m + wide, *p = s + wide;
-    float *out = p + wide;
+    int64_t n = t->width * 3, wide = n + 2 * REACH, maps = phase == 1 ? MAPS : 3;
+    float *m = t->scratch + thread * 2 * MAPS * wide, *s = m + wide, *p = s + wide, *my = p + wide, *sy = my + wide;
+    float *out = sy + wide;
     for (int64_t row = first; row < past; row++) {
-        memset(m, 0, (size_t)(MAPS * wide) * sizeof(float));
+        memset(m, 0, (size_t)(maps * wide) * sizeof(float));
         for (int64_t r = -RADIUS; r <= RADIUS; r++) {
             if (row + r < 0 || row + r >= t->height) continue;
             int64_t at = (row + r) * n;
             float w = t->window[r < 0 ? -r : r];
             if (phase == 1)
-                add_moments(t->picture + at, t->photo + at, w, m + REACH, s + REACH, p + REACH, n);
+                add_moments(t->picture + at, t->photo + at, w, m + REACH, s + REACH, p + REACH, my + REACH, sy + REACH,
+                            n);
             else
                 add_maps(t, at, w, m + REACH, s + REACH, p + REACH, n);
         }
-        along(m, t->window, out, n);
-        along(s, t->window, out + wide, n);
-        along(p, t->window, out + 2 * wide, n);
+        for (int64_t map = 0; map < maps; map++) along(m + map * wide, t->window, out + map * wide, n);
         if (phase == 1)
-            derive(t, row * n, out, out + wide, out + 2 * wide, n, t->sums + 2 * row);
+            derive(t, row * n, out, out + wide, out + 2 * wide, out + 3 * wide, out + 4 * wide, n, t->sums + 2 * row);
         else
             finish(t, row * n, out, out + wide, out + 2 * wide, n);
     }

@@ -9,6 +9,7 @@ from reference_encoder.training.anchors import SLOTS, AnchorLattice, Anchors, Sc
 from reference_encoder.training.densification import AnchorStatistics
 from reference_encoder.training.layers import LayerPlan
 from reference_encoder.training.options import LAST_LAYER
+from reference_encoder.training.photo_store import View
 from reference_encoder.training.quantiser import Quantiser
 from reference_encoder.training.rate import Context
 from reference_encoder.training.state import State
@@ -48,6 +49,11 @@ def state(count: int = 40, layers: int = 3, vectors: bool = False, seed: int = 0
     )
     made.start_widths()
     return made
+
+
+def view(of: Camera, photo: torch.Tensor) -> View:
+    """A camera that sees (H, W, 3) uint8."""
+    return View(of, lambda: photo)
 
 
 def camera(width: int = 48, height: int = 40) -> Camera:

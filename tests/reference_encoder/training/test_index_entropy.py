@@ -18,6 +18,7 @@ from scarfmt.coding.writer import QuantisedScene, write_scene
 from scarfmt.container.directory import local_bits
 from scarfmt.container.schema import Profile
 from scarfmt.container.source import BytesSource
+from scarfmt.tools.models_report import describe_models
 
 
 def _placed(scene: QuantisedScene, tile: int) -> TileContent:
@@ -63,6 +64,8 @@ def test_the_file_decodes_to_the_same_indices(scene: QuantisedScene, paper: bool
     assert network is not None
     assert grid is not None
     assert (network.attention is not None, len(network.gru), network.inputs.own) == (paper, 1 + paper, not paper)
+    seen = describe_models(BytesSource(write_scene(learned)))["index_network"]["inputs"]
+    assert (seen["decoded"], seen["grid"] > 0) == (not paper, True)
     assert {level.plane for level in grid.levels} == set(range(7) if paper else (4, 5, 6))
 
 

@@ -10,13 +10,13 @@ import torch
 
 import scarfmt
 from reference_decoder.anchors import gaussians
-from reference_encoder.training import run
+from reference_encoder.training import photo_store, run, smallest
 from reference_encoder.training.capture import Capture
 from reference_encoder.training.evaluate import draw
 from reference_encoder.training.options import Suspended, TrainOptions
 from reference_encoder.training.presets import PRESETS
-from reference_encoder.training.run import half_size_views, make_trainer, train
-from reference_encoder.training.run_folder import read_log
+from reference_encoder.training.run import make_trainer, train
+from reference_encoder.training.run_folder import DRAFT, HELD_OUT, discard_checkpoints, read_log
 from reference_encoder.training.smallest import smallest_file
 from scarfmt.errors import InputWarning
 from scarfmt.render.rasterise import render
@@ -44,15 +44,12 @@ def test_the_file_is_what_was_learnt(capture: Capture, preset: str) -> None:
 
 def test_large_photos_are_learnt_at_half_their_size_first(capture: Capture, monkeypatch: pytest.MonkeyPatch) -> None:
     """Small ones are not: what they show at half their size would have to be learnt again."""
-    cpu = torch.device("cpu")
-    assert half_size_views(capture.train, cpu) == []
     trainer = make_trainer(capture, OPTIONS)
     assert trainer.small is trainer.views
-    monkeypatch.setattr(run, "_LEAST_HALF", captures.WIDTH // 2)
-    smaller = [(camera.width, camera.height) for camera, _ in half_size_views(capture.train, cpu)]
-    assert smaller == [(captures.WIDTH // 2, captures.HEIGHT // 2)] * len(capture.train)
+    monkeypatch.setattr(photo_store, "_LEAST_HALF", captures.WIDTH // 2)
     trainer = make_trainer(capture, OPTIONS)
-    assert len(trainer.small) == len(trainer.views)
+    smaller = [view.read().shape for view in trainer.small]
+    assert smaller == [(captures.HEIGHT // 2, captures.WIDTH // 2, 3)] * len(capture.train)
     for done in (0.0, 0.5):
         trainer.step(done)
 
@@ -95,6 +92,47 @@ def test_in_slices_every_preset_ends_with_the_bytes_of_one_that_was_left_alone(
     assert train(capture, options, tmp_path, leave=After(7)).data == whole.data
 
 
+def test_who_is_cut_off_while_the_file_is_made_has_a_draft_and_goes_on(
+    capture: Capture, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The draft is a whole file of the same scene."""
+    options = replace(OPTIONS, iterations=12, layers=2)
+
+    def cut_off(*_args: object, **_more: object) -> None:
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as patch:
+        patch.setattr(smallest, "with_predictors", cut_off)
+        with pytest.raises(KeyboardInterrupt):
+            train(capture, options, tmp_path)
+    draft = (tmp_path / DRAFT).read_bytes()
+    assert scarfmt.validate(draft).valid
+    whole = train(capture, options, tmp_path)
+    assert train(capture, options).data == whole.data
+    kept, written = (scarfmt.decode_scene(data) for data in (draft, whole.data))
+    assert isinstance(kept, scarfmt.AnchorModel)
+    assert isinstance(written, scarfmt.AnchorModel)
+    assert np.array_equal(kept.anchors, written.anchors)
+    discard_checkpoints(tmp_path)
+    assert not (tmp_path / DRAFT).exists()
+
+
+def test_a_file_says_what_was_held_out_and_whether_it_converged(
+    capture: Capture, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    options = replace(OPTIONS, iterations=12, layers=2)
+    names = [photo.camera.name for photo in capture.test]
+    with pytest.warns(InputWarning, match=r"not converged: 12 iterations saw each photo 2\.0 times"):
+        short = train(capture, options, tmp_path)
+    assert (list(short.held_out), short.converged) == (names, False)
+    found = scarfmt.inspect(short.data, metadata=True)["metadata"]["training"]
+    assert found == {"iterations": 12, "held_out": names, "converged": False}
+    assert (tmp_path / HELD_OUT).read_text().split() == names
+    monkeypatch.setattr(run, "_LEAST_SEEN", 1)
+    monkeypatch.setattr(run, "_LEAST_ITERATIONS", 1)
+    assert train(capture, options).converged
+
+
 def test_a_run_keeps_its_number_of_threads(capture: Capture, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Whatever else in the process sets torch's, as numba does: bits of small products depend on it."""
     seen: list[int] = []
@@ -114,12 +152,13 @@ def test_a_run_keeps_its_number_of_threads(capture: Capture, tmp_path: Path, mon
 def test_pictures_beside_their_photos_are_told_once_and_in_the_log(
     capture: Capture, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """When a quarter of the run is over; before, nothing has found its place."""
+    """When a quarter of the run is over and each photo was seen; before, nothing has found its place."""
     monkeypatch.setattr(run, "_CHECK_ITERATIONS", 5)
+    monkeypatch.setattr(run, "_LEAST_SEEN", 0)
     monkeypatch.setattr(run, "displacement", lambda pairs: 0.1 * sum(1 for _ in pairs))
     with pytest.warns(InputWarning, match=r"0\.60 pixels") as told:
         trained = train(capture, replace(OPTIONS, iterations=20, layers=2), tmp_path)
-    assert len([one for one in told if one.category is InputWarning]) == 1
+    assert len([one for one in told if "pixels" in str(one.message)]) == 1
     assert len(capture.train) == 6
     assert trained.displacement == pytest.approx(0.6)
     assert [line.get("displacement") for line in read_log(tmp_path)][:3] == [pytest.approx(0.6)] * 3

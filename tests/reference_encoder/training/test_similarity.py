@@ -7,7 +7,7 @@ import torch
 from torch import Tensor
 
 from reference_encoder.training import similarity
-from reference_encoder.training.similarity import Target, dissimilarity, psnr, ssim
+from reference_encoder.training.similarity import dissimilarity, intensities, psnr, ssim
 
 
 @pytest.fixture(params=[1, 2, 3])
@@ -19,10 +19,10 @@ def threads(request: pytest.FixtureRequest) -> Iterator[int]:
     torch.set_num_threads(before)
 
 
-def _pair(height: int, width: int, least: float = 0.0) -> tuple[Tensor, Target]:
+def _pair(height: int, width: int, least: float = 0.0) -> tuple[Tensor, Tensor]:
     generator = torch.Generator().manual_seed(height * width)
     photo = torch.randint(int(255 * least), 256, (height, width, 3), generator=generator, dtype=torch.uint8)
-    return least + (1 - least) * torch.rand(height, width, 3, generator=generator), Target.of(photo)
+    return least + (1 - least) * torch.rand(height, width, 3, generator=generator), photo
 
 
 def _dense(x: Tensor, y: Tensor, share: float) -> Tensor:
@@ -46,13 +46,13 @@ def test_value_and_gradient_are_those_of_the_definition(
     height: int, width: int, least: float, share: float, threads: int
 ) -> None:
     """Gradients written out agree with autograd, also beside the edges and where a picture hardly varies."""
-    x, target = _pair(height, width, least)
+    x, photo = _pair(height, width, least)
     exact = x.double().requires_grad_()
-    _dense(exact, target.pixels.double(), share).backward()
+    _dense(exact, intensities(photo).double(), share).backward()
     given = x.clone().requires_grad_()
-    loss = dissimilarity(given, target, share)
+    loss = dissimilarity(given, photo, share)
     loss.backward()
-    assert float(loss) == pytest.approx(float(_dense(x.double(), target.pixels.double(), share)), abs=1e-5)
+    assert float(loss) == pytest.approx(float(_dense(x.double(), intensities(photo).double(), share)), abs=1e-5)
     assert given.grad is not None
     assert exact.grad is not None
     assert (given.grad - exact.grad).abs().max() <= 1e-4 * exact.grad.abs().max()
@@ -60,10 +60,10 @@ def test_value_and_gradient_are_those_of_the_definition(
 
 def test_torch_gives_what_c_gives() -> None:
     """Elsewhere than on processors the same formulas run in torch."""
-    x, target = _pair(33, 47)
-    value, gradient = similarity._by_torch(x, target, 0.2)
+    x, photo = _pair(33, 47)
+    value, gradient = similarity._by_torch(x, photo, 0.2)
     mine = x.clone().requires_grad_()
-    loss = dissimilarity(mine, target, 0.2)
+    loss = dissimilarity(mine, photo, 0.2)
     loss.backward()
     assert float(loss) == pytest.approx(float(value), abs=1e-6)
     assert mine.grad is not None
@@ -72,24 +72,24 @@ def test_torch_gives_what_c_gives() -> None:
 
 def test_threads_change_nothing(threads: int) -> None:
     """Sums are a row's own, and rows are added in order."""
-    x, target = _pair(64, 40)
-    found = similarity._compiled(x, target, 0.2)
+    x, photo = _pair(64, 40)
+    found = similarity._compiled(x, photo, 0.2)
     torch.set_num_threads(1)
-    alone = similarity._compiled(x, target, 0.2)
+    alone = similarity._compiled(x, photo, 0.2)
     assert torch.equal(found[0], alone[0])
     assert torch.equal(found[1], alone[1])
 
 
 def test_a_photo_whose_rows_are_not_side_by_side_is_read_right() -> None:
     """A transposed view of pixels is a photo like any other."""
-    x, target = _pair(20, 30)
-    turned = (target.pixels * 255).round().byte().permute(1, 0, 2).contiguous().permute(1, 0, 2)
-    assert torch.equal(dissimilarity(x, Target.of(turned), 0.2), dissimilarity(x, target, 0.2))
+    x, photo = _pair(20, 30)
+    turned = photo.permute(1, 0, 2).contiguous().permute(1, 0, 2)
+    assert torch.equal(dissimilarity(x, turned, 0.2), dissimilarity(x, photo, 0.2))
 
 
 def test_measures_of_the_photo_itself() -> None:
     """A picture that is the photo has SSIM 1 and no error; PSNR is of values rounded to 8 bits."""
-    _, target = _pair(20, 30)
-    assert ssim(target.pixels, target) == pytest.approx(1.0, abs=1e-6)
-    assert psnr(target.pixels + 0.4 / 255, target) == float("inf")
-    assert psnr((target.pixels - 10 / 255).clamp(0, 1), target) == pytest.approx(28.3, abs=0.3)
+    _, photo = _pair(20, 30)
+    assert ssim(intensities(photo), photo) == pytest.approx(1.0, abs=1e-6)
+    assert psnr(intensities(photo) + 0.4 / 255, photo) == float("inf")
+    assert psnr((intensities(photo) - 10 / 255).clamp(0, 1), photo) == pytest.approx(28.3, abs=0.3)

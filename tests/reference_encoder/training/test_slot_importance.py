@@ -6,7 +6,6 @@ import pytest
 import torch
 
 from reference_encoder.training.evaluate import draw
-from reference_encoder.training.similarity import Target
 from reference_encoder.training.slot_importance import SlotImportance, first_layers, measure_importance
 from tests.reference_encoder.training import small
 
@@ -14,8 +13,8 @@ from tests.reference_encoder.training import small
 def test_worth_is_what_leaving_a_slot_out_changes() -> None:
     """Estimates from random signs agree with pictures drawn without the slot, for the slots that matter most."""
     state, camera, black = small.state(30), small.camera(), torch.zeros(3)
-    target = Target.of(torch.zeros(camera.height, camera.width, 3, dtype=torch.uint8))
-    views = [(camera, target)] * 300
+    target = torch.zeros(camera.height, camera.width, 3, dtype=torch.uint8)
+    views = [small.view(camera, target)] * 300
     found = measure_importance(state, views, black)
     whole = draw(state, camera, 2, black)
     first = state.anchors.first.clone()
@@ -62,22 +61,22 @@ def test_a_view_of_nothing_says_nothing() -> None:
     state, camera = small.state(20), small.camera()
     pose = camera.world_to_camera.copy()
     pose[2, 3] = -50.0
-    target = Target.of(torch.zeros(camera.height, camera.width, 3, dtype=torch.uint8))
-    found = measure_importance(state, [(replace(camera, world_to_camera=pose), target)], torch.zeros(3))
+    target = torch.zeros(camera.height, camera.width, 3, dtype=torch.uint8)
+    found = measure_importance(state, [small.view(replace(camera, world_to_camera=pose), target)], torch.zeros(3))
     assert float(found.benefit.sum()) == 0
 
 
 def test_what_few_photos_show_is_remembered() -> None:
     """A slot that today's photos do not show is worth what those before said, by all photos looked at."""
     state, camera, black = small.state(20), small.camera(), torch.zeros(3)
-    target = Target.of(torch.full((camera.height, camera.width, 3), 90, dtype=torch.uint8))
+    target = torch.full((camera.height, camera.width, 3), 90, dtype=torch.uint8)
     away = camera.world_to_camera.copy()
     away[2, 3] = -50.0
-    first = measure_importance(state, [(camera, target)], black)
+    first = measure_importance(state, [small.view(camera, target)], black)
     energy = state.statistics.energy.clone()
     shown = energy > 0
     assert bool(shown.any())
-    later = measure_importance(state, [(replace(camera, world_to_camera=away), target)] * 3, black)
+    later = measure_importance(state, [small.view(replace(camera, world_to_camera=away), target)] * 3, black)
     assert torch.equal(state.statistics.energy, 0.7 * energy)
     assert state.statistics.looked.tolist() == pytest.approx([3.7] * len(state.anchors))
     assert torch.equal(later.benefit > 0, first.benefit > 0)

@@ -15,7 +15,6 @@ from reference_encoder.training.iterate import iterate
 from reference_encoder.training.options import TrainOptions
 from reference_encoder.training.presets import PRESETS, Curriculum, moment
 from reference_encoder.training.run import camera_spacing, make_trainer
-from reference_encoder.training.similarity import Target
 from reference_encoder.training.trainer import Trainer
 from tests.reference_encoder.training import small
 
@@ -87,12 +86,13 @@ def test_a_checkpoint_among_means_goes_on_to_the_same_values(capture: Capture) -
 def test_networks_look_from_about_the_camera() -> None:
     """Pictures of a camera change with the place from where networks look; the camera itself stays."""
     camera, black = small.camera(), torch.zeros(3)
-    target = Target.of(torch.zeros(camera.height, camera.width, 3, dtype=torch.uint8))
+    target = torch.zeros(camera.height, camera.width, 3, dtype=torch.uint8)
     now = replace(moment(Curriculum(), 0.2), noisy=False, gathers=False)
     losses = []
     for camera_jitter in (0.0, 0.0, 0.5, 0.5):
         state = small.state()
-        losses.append(iterate(state, (camera, target), now, state.plan.count - 1, 0.0, camera_jitter, black)[0])
+        view = small.view(camera, target)
+        losses.append(iterate(state, view, now, state.plan.count - 1, 0.0, camera_jitter, black)[0])
     assert losses[0] == losses[1] != losses[2] == losses[3]
     assert losses[2] == pytest.approx(losses[0], rel=0.5)
 
