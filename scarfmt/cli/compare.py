@@ -78,8 +78,8 @@ class Quality:
 @click.option("--all-layers", is_flag=True, help="Compare each number of layers of B, which must be a .scar file.")
 @click.option("--ssim/--no-ssim", default=True, show_default=True, help="Compute SSIM, which takes as long as drawing.")
 @click.option("--photos", type=click.Path(exists=True),
-              help="Folder with cameras and images/. Compare A and B with these photos: those held out of training, as a"
-              " trained file or else the list of cameras says.")  # fmt: skip
+              help="Folder with cameras and images/. Compare A and B with these photos: those held out of training, as"
+              " a trained file or else the list of cameras says.")  # fmt: skip
 @timeout_option
 @reports
 @requires_extra("render")
