@@ -14,7 +14,7 @@ import pytest
 
 import scarfmt
 from reference_encoder.training import run as trainer
-from reference_encoder.training.options import Progress
+from reference_encoder.training.options import FINISHING, Progress
 from tests.cli.conftest import REPOSITORY, Run
 from tests.reference_encoder.training import captures
 
@@ -88,7 +88,7 @@ def test_ctrl_c_gives_a_sound_file_early_and_can_be_gone_on_from(
     def interrupted(capture: Any, options: Any, folder: Any, report: Callable[[Progress], None], *asked: Any) -> Any:
         def tell(now: Progress) -> None:
             report(now)
-            if now.iteration == 8:
+            if now.iteration == 8 and now.phase != FINISHING:
                 os.kill(os.getpid(), signal.SIGINT)
 
         return train(capture, options, folder, tell, *asked)
