@@ -37,7 +37,8 @@ def whole(capture: Path, tmp_path_factory: pytest.TempPathFactory) -> bytes:
     result = CliRunner().invoke(cli, ["train", str(capture), str(target), *SAID])
     assert result.exit_code == 0, result.output
     assert f"layer 2: {target.stat().st_size:>12,} bytes" in result.stderr
-    assert sorted(path.name for path in (target.parent / "a.scar.run").iterdir()) == ["held-out.txt", "log.jsonl", "plot.png"]
+    left = sorted(path.name for path in (target.parent / "a.scar.run").iterdir())
+    assert left == ["held-out.txt", "log.jsonl", "plot.png"]
     return target.read_bytes()
 
 
