@@ -28,6 +28,7 @@ COMMANDS = {
     "decode": "Decode a file into a PLY, SPZ or glTF that viewers open.",
     "dump": "Annotate every byte of a file.",
     "encode": "Compress a scene into a .scar file.",
+    "export": "Write a web page that shows a file by itself.",
     "inspect": "Report what a file holds.",
     "merge": "Join files of parts of one scene.",
     "render": "Draw a scene into PNG pictures.",

@@ -99,6 +99,15 @@ def test_pictures_of_the_page_are_those_of_our_renderer(
     assert psnr_of(camera, shot, tmp_path) > LEAST_PSNR
 
 
+def test_an_exported_page_opens_from_a_disk(web: Path, chromium: str, camera: Camera, tmp_path: Path) -> None:
+    """It needs no server, and no other file."""
+    page, shot = tmp_path / "toys.html", tmp_path / "shot.png"
+    subprocess.run([sys.executable, "-m", "scarfmt", "export", str(SCENE), str(page)], check=True, timeout=60)
+    address = f"{page.as_uri()}#view={view_of(camera)}"
+    run_program(web, chromium, "dist/tests/shot.mjs", address, str(shot), str(camera.width), str(camera.height))
+    assert psnr_of(camera, shot, tmp_path) > LEAST_PSNR
+
+
 def test_pictures_of_playcanvas_are_those_of_our_renderer(
     web: Path, chromium: str, camera: Camera, tmp_path: Path
 ) -> None:

@@ -200,6 +200,8 @@ const page = new Page();
 document.body.classList.toggle("noui", said.has("noui"));
 document.body.classList.toggle("folded", innerHeight < LEAST_HEIGHT);
 listen(page, (files, links) => page.open(origins(files, links)));
-const named = origins([], ["url", "beside"].flatMap((key) => said.getAll(key)));
+/** In a page of one file. */
+const { scene } = (globalThis as { scarFiles?: { scene: File } }).scarFiles ?? {};
+const named = origins(scene ? [scene] : [], scene ? [] : ["url", "beside"].flatMap((key) => said.getAll(key)));
 if (named.length > 0) page.open(named);
 else ScarStream.prepare();
