@@ -13,7 +13,7 @@ done
 exports=$(sed -n 's/^EXPORT .*\(scar_[a-z_]*\)(.*/-Wl,--export=\1/p' "$native/scar.h" "$native"/wasm/*.c)
 # Zig checks for undefined behaviour unless told not to. Running over the stack traps, since Zig lays it first.
 # shellcheck disable=SC2086
-"${PYTHON:-python3}" -m ziglang cc --target=wasm32-freestanding -std=c11 -O2 -msimd128 -mbulk-memory -ffreestanding -nostdlib \
+"${PYTHON:-python3}" -m ziglang cc --target=wasm32-freestanding -std=c11 -Os -msimd128 -mbulk-memory -ffreestanding -nostdlib \
     -fno-strict-aliasing -fwrapv -ffp-contract=off -fno-sanitize=undefined -fno-stack-protector -Wall -Wextra \
     -ffile-prefix-map="$native"=. -I"$native/wasm/include" -I"$native" $sources -s -Wl,--no-entry $exports \
     -Wl,--export=__stack_pointer -Wl,-z,stack-size=1048576 -o "$1"

@@ -16,7 +16,7 @@ MOST_OF_A_VIEWER = 48_000
 """Bytes of viewer, element, stream, adapter and worker together: all but three.js, Spark and the module."""
 MOST_OF_A_WORKER = 10_000
 """Bytes of the script that a worker loads beside the module."""
-MOST_OF_THE_MODULE = 80_000
+MOST_OF_THE_MODULE = 60_000
 """Bytes of the decoder, which a page loads once."""
 
 
