@@ -10,6 +10,7 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
+from scarfmt.entropy import rans
 from scarfmt.entropy.rans import (
     MAX_ALPHABET,
     TOTAL,
@@ -268,5 +269,5 @@ def test_the_library_and_python_code_the_same(groups: Groups) -> None:
     encoder = RansEncoder()
     for table, symbols in groups:
         encoder.encode(np.array(symbols, np.int32), table)
-    with mock.patch("scarfmt.entropy.rans.library", return_value=None):
+    with mock.patch.object(rans, "library", return_value=None):
         assert encoder.finish() == encoded(groups)
