@@ -22,9 +22,8 @@ from pathlib import Path
 from typing import Any
 
 from scarfmt_conformance.manifest import RESULTS, Selection, Suite, Vector, find_suite, load_expectation, open_suite
-from scarfmt_conformance.process import Limits
+from scarfmt_conformance.process import Limits, Program
 from scarfmt_conformance.runner import FAILED, PASSED, Options, Result, run
-from scarfmt_conformance.session import Session
 
 from benchmarks.provenance import stamp
 from conformance.portability.machines import MACHINES, REPOSITORY, SUITE, System, Unavailable, make_system
@@ -61,7 +60,7 @@ def score(system: System, suite: Suite, vectors: Sequence[Vector]) -> dict[str, 
     options = ["--native"] if system.native else []
     words = system.command("-m", "scarfmt_conformance.reference.answers", "--session", *options)
     shown = partial(_print, itertools.count(1), len(vectors))
-    scored = run(suite, vectors, partial(Session, words, _LIMITS), Options(last_layer=True), shown)
+    scored = run(suite, vectors, partial(Program, words, _LIMITS, session=True), Options(last_layer=True), shown)
     if scored.handshake is not None:
         raise RuntimeError(f"{scored.handshake.message}\n{scored.handshake.errors}")
     passed = [result.vector for result in scored.results if result.outcome == PASSED]

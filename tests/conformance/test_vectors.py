@@ -11,7 +11,6 @@ import numpy as np
 import pytest
 from scarfmt_conformance.archive import CHECKOUT, expectation, names, read
 from scarfmt_conformance.manifest import Suite, open_suite
-from scarfmt_conformance.process import Fault
 from scarfmt_conformance.protocol import Question, Reply, parse
 from scarfmt_conformance.reference.answers import Manner
 from scarfmt_conformance.reference.answers import answer as reference_answer
@@ -40,16 +39,16 @@ Answer = Callable[[Question], dict[str, Any]]
 class InProcess:
     """A decoder of this process, asked as one of another would be."""
 
-    restarts = 0
-
     def __init__(self, answer: Answer) -> None:
         self._answer = answer
 
     def ask(self, question: Question) -> Reply:
-        return Reply(parse(json.dumps(self._answer(question)).encode()), 0.0, None, "")
+        return Reply(parse(json.dumps(self._answer(question)).encode()), 0.0, "")
 
-    def close(self) -> Fault | None:
-        return None
+    def close(self) -> None:
+        """Nothing runs."""
+
+    kill = close
 
 
 def answerer(engine: str) -> Answer:
@@ -77,7 +76,7 @@ def test_a_decoder_agrees_with_the_vectors(engine: str, class_: str, suite: Suit
     """Every stage of every layer, annotations, and the id and place of refusals (R-12.1-2)."""
     answer = answerer(engine)
     asked = [vector for vector in suite.vectors if vector.class_ == class_]
-    score = run(suite, asked, lambda _stop: InProcess(answer), Options())
+    score = run(suite, asked, lambda: InProcess(answer), Options())
     assert score.handshake is None
     assert {result.vector.id: result.failure for result in score.results if result.outcome == FAILED} == {}
     assert score.passed

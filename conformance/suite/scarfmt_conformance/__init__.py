@@ -1,5 +1,5 @@
 """Scoring any decoder against the conformance vectors, as conformance/PROTOCOL.md says.
 
-:mod:`.manifest` reads the vectors, :mod:`.process` and :mod:`.session` ask the decoder, :mod:`.protocol` parses what it
-prints, :mod:`.compare` judges that, :mod:`.runner` decides what is asked and counts, :mod:`.report` shows it.
+:mod:`.manifest` reads the vectors, :mod:`.process` asks the decoder, :mod:`.protocol` parses what it prints,
+:mod:`.compare` judges that, :mod:`.runner` decides what is asked and counts, :mod:`.report` shows it.
 """

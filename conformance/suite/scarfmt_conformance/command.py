@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import itertools
 import sys
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from contextlib import ExitStack
 from functools import partial
-from typing import TYPE_CHECKING, Any, BinaryIO, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import click
 
@@ -17,7 +17,7 @@ from scarfmt.cli.progress import progress
 from scarfmt.errors import InvalidInput
 
 if TYPE_CHECKING:
-    from scarfmt_conformance.runner import Result, Run
+    from scarfmt_conformance.runner import Result
 
 _REFERENCE = "-"
 _SHOWN_FAILURES = 20
@@ -55,25 +55,18 @@ def conformance() -> None:
 
 @conformance.command("list", short_help="List the vectors.")
 @_selection_options
-@click.option("--format", "format_", type=click.Choice(["table", "json"]), default="table", help="Format on stdout.")
-def list_(suite: str | None, format_: str, **selection: tuple[str, ...]) -> None:
+def list_(suite: str | None, **selection: tuple[str, ...]) -> None:
     """List the vectors, and the features to select them by.
 
     \b
     Examples:
       scarfmt conformance list --feature two-level
-      scarfmt conformance list --format json | jq -r '.vectors[].id'
     """
     from scarfmt_conformance import report
     from scarfmt_conformance.manifest import Selection, find_suite, open_suite
 
     with open_suite(find_suite(suite)) as found:
-        vectors = Selection(**selection).of(found.vectors)
-        rows = [report.vector_json(vector) for vector in vectors]
-    if format_ == "json":
-        print_json({"suite": str(found.place), "bitstream": found.bitstream, "vectors": rows})
-    else:
-        click.echo(report.list_text(vectors), nl=False)
+        click.echo(report.list_text(Selection(**selection).of(found.vectors)), nl=False)
 
 
 @conformance.command(short_help="Write the vectors to a folder.")
@@ -132,12 +125,10 @@ def parse_stages(_ctx: click.Context, _parameter: click.Parameter, value: str | 
 @click.option("--all-layers/--last-layer", default=True, help="Ask for every pinned layer, or the last [default: all].")
 @click.option("--timeout", type=click.FloatRange(0.01), default=60.0, show_default=True, help="Maximum seconds each.")
 @click.option("--memory", type=click.IntRange(16, 1 << 20), default=2048, show_default=True, help="MiB of a process.")
-@click.option("--jobs", type=click.IntRange(1, 256), default=1, show_default=True, help="Decoders that run at once.")
+@click.option("--jobs", type=click.IntRange(1, 64), default=1, show_default=True, help="Decoders that run at once.")
 @click.option("--format", "format_", type=click.Choice(["table", "json"]), default="table", help="Format on stdout.")
-@click.option("--output", metavar="FILE.json", help="Write the report as JSON too.")
 @click.option("--junit", metavar="FILE.xml", help="Write the report as JUnit XML too, for CI servers.")
-@click.option("--force", is_flag=True, help="Overwrite the files of --output and --junit.")
-@click.option("--fail-fast", is_flag=True, help="Stop at the first failure.")
+@click.option("--force", is_flag=True, help="Overwrite the file of --junit.")
 @click.option("--verbose", "-v", is_flag=True, help="Report every vector, and show every failure.")
 @click.pass_context
 def run_(ctx: click.Context, /, decoder: str | None, session: str | None, **wanted: Any) -> None:
@@ -155,28 +146,27 @@ def run_(ctx: click.Context, /, decoder: str | None, session: str | None, **want
     """
     from scarfmt_conformance import report
     from scarfmt_conformance.manifest import Selection, find_suite, open_suite
-    from scarfmt_conformance.process import Limits, OneShot
+    from scarfmt_conformance.process import Limits, Program
     from scarfmt_conformance.protocol import STAGES
     from scarfmt_conformance.runner import Options, run
-    from scarfmt_conformance.session import Session
 
     words = _command_words(decoder, session)
-    connect = partial(Session if session else OneShot, words, Limits(wanted["timeout"], wanted["memory"] << 20))
+    limits = Limits(wanted["timeout"], wanted["memory"] << 20)
     selection = Selection(**{name: wanted[name] for name in ("only", "classes", "features")})
-    options = Options(wanted["stages"] or STAGES, not wanted["all_layers"], wanted["jobs"], wanted["fail_fast"])
+    options = Options(wanted["stages"] or STAGES, not wanted["all_layers"], wanted["jobs"])
     with ExitStack() as files, progress(wanted["format_"] == "json" or wanted["verbose"]) as bar:
         suite = files.enter_context(open_suite(find_suite(wanted["suite"])))
         vectors = selection.of(suite.vectors)
-        names = {name: wanted[name] for name in ("output", "junit") if wanted[name] is not None}
-        outputs = {name: files.enter_context(open_output(path, wanted["force"])) for name, path in names.items()}
+        junit = files.enter_context(open_output(wanted["junit"], wanted["force"])) if wanted["junit"] else None
         tell = partial(_report, itertools.count(1), len(vectors), wanted["verbose"], bar)
-        score = run(suite, vectors, connect, options, tell)
-        _write(outputs, score, words)
+        score = run(suite, vectors, partial(Program, words, limits, session is not None), options, tell)
+        if junit is not None:
+            junit.write(report.junit(score))
     if wanted["format_"] == "json":
         print_json(report.as_json(score, words))
     else:
         click.echo(report.score_text(score), nl=False)
-    _print(score, wanted["verbose"])
+    click.echo(report.failures_text(score, len(score.results) if wanted["verbose"] else _SHOWN_FAILURES), err=True)
     if not score.passed:
         ctx.exit(FAILED)
 
@@ -217,31 +207,3 @@ def _report(done: Iterator[int], total: int, verbose: bool, bar: Callable[[str, 
         click.echo(f"{result.outcome:<7}  {result.seconds:7.2f} s  {result.vector.id}{reason}", err=True)
     else:
         bar(result.vector.id, number / total)
-
-
-def _write(outputs: dict[str, BinaryIO], score: Run, words: Sequence[str]) -> None:
-    import json
-
-    from scarfmt_conformance import report
-
-    if "output" in outputs:
-        outputs["output"].write(json.dumps(report.as_json(score, words), indent=1).encode() + b"\n")
-    if "junit" in outputs:
-        outputs["junit"].write(report.junit(score))
-
-
-def _print(score: Run, verbose: bool) -> None:
-    """Failures, skips and the summary, on standard error."""
-    from scarfmt_conformance import report
-
-    failed = [result for result in score.results if result.failure is not None]
-    if score.handshake is not None:
-        click.echo(report.handshake_text(score.handshake), err=True)
-    for result in failed if verbose else failed[:_SHOWN_FAILURES]:
-        click.echo(report.failure_text(result), err=True)
-    if len(failed) > _SHOWN_FAILURES and not verbose:
-        click.echo(f"{len(failed) - _SHOWN_FAILURES} more failures: -v shows them, --output keeps them", err=True)
-    skips = report.skips_text(score)
-    if skips:
-        click.echo(skips, err=True)
-    click.echo(report.summary_text(score), err=True)

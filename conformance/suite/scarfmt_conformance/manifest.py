@@ -12,7 +12,7 @@ import json
 import zipfile
 from collections.abc import Iterable, Iterator
 from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 from typing import Any
 
@@ -63,18 +63,11 @@ class Suite:
         folder: where it is.
         bitstream: version of the format that its files are of.
         vectors: in the order of the manifest.
-        archive: the zip that the folder was unpacked from, for as long as the suite is open.
     """
 
     folder: Path
     bitstream: str
     vectors: tuple[Vector, ...]
-    archive: Path | None = None
-
-    @property
-    def place(self) -> Path:
-        """The place of the suite as the user knows it: its folder, or the zip."""
-        return self.archive or self.folder
 
 
 @dataclass(frozen=True)
@@ -171,8 +164,7 @@ def open_suite(place: Path) -> Iterator[Suite]:
             folder = opened.enter_context(unpacked(place))
         except (zipfile.BadZipFile, OSError) as error:
             raise _broken(place, f"it cannot be unpacked: {error}") from error
-        suite = load_suite(folder)
-        yield suite if folder == place else replace(suite, archive=place)
+        yield load_suite(folder)
 
 
 def load_suite(folder: Path) -> Suite:

@@ -7,18 +7,12 @@ touch, which the first does not count, while anything allocated to be written to
 from __future__ import annotations
 
 import contextlib
-import fcntl
 import os
-import resource
-import selectors
+import select
 import signal
-import struct
 import subprocess
-import sys
-import termios
-import threading
+import tempfile
 import time
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import IO
 
@@ -27,12 +21,11 @@ from scarfmt_conformance.protocol import Answer, Fault, Question, Reply, filled,
 OUTPUT_BYTES = 256 << 20
 _ERROR_BYTES = 8 << 10
 _CHUNK = 1 << 16
-_TURN_SECONDS = 0.05
-_EXIT_SECONDS = 0.002
-_RSS_UNIT = 1 if sys.platform == "darwin" else 1024
+_TURN_SECONDS = 0.02
+_GOODBYE_SECONDS = 0.5
 
-# A limit above the one already in force cannot be set; then that one holds. The child's number stays that of the shell.
-_LIMITED = 'ulimit -c 0 2>/dev/null; ulimit -d "$0" 2>/dev/null; exec "$@"'
+# Cores, data and the size of files, standard error among them. A limit above the one in force cannot be set.
+_LIMITED = 'ulimit -c 0 2>/dev/null; ulimit -d "$0" 2>/dev/null; ulimit -f 2097152 2>/dev/null; exec "$@"'
 
 
 @dataclass(frozen=True)
@@ -50,168 +43,131 @@ class Limits:
     output_bytes: int = OUTPUT_BYTES
 
 
-class Stopped(Exception):
-    """The run is being given up."""
-
-
-class Child:
-    """A process in a group of its own, its outputs read as they come so that it never waits for its reader.
+class Program:
+    """A decoder's command: run anew for each question, or as a session started once and asked line by line.
 
     Args:
-        words: the command; the program exists.
-        limits: memory and output are enforced here, time by who waits.
-        stop: set when the run is given up.
-        asked_through: whether it has a standard input to be asked through; else that is empty.
-
-    Attributes:
-        has_line: it has printed a line end since :meth:`take_output`.
-        status: exit status, minus the number of the signal that killed it; None while it runs.
-        peak_bytes: most memory it held, with its children; None while it runs, and where that is not known.
+        words: the command, which exists; with places to fill, unless it is a session.
+        limits: per question.
+        session: whether one process answers many questions. It is started again when it died or had to be stopped.
     """
 
-    def __init__(self, words: list[str], limits: Limits, stop: threading.Event, asked_through: bool = False):
-        self.has_line = False
-        self.status: int | None = None
-        self.peak_bytes: int | None = None
-        self._output, self._errors = bytearray(), bytearray()
-        self._limits, self._stop = limits, stop
+    def __init__(self, words: list[str], limits: Limits, session: bool = False) -> None:
+        self._words, self._limits, self._session = words, limits, session
+        self._process: subprocess.Popen[bytes] | None = None
+        self._errors: IO[bytes] | None = None
+        self._killed = False
+
+    def ask(self, question: Question) -> Reply:
+        """The answer to a question, or a fault; raises nothing because of the decoder."""
+        start = time.monotonic()
+        answer: Answer | Fault = Fault("status", "the run is given up")
+        errors = ""
+        if not self._killed:
+            if self._process is not None and self._process.poll() == 0:
+                self._end()
+            late = None if self._process is None else self._after_an_answer(self._process)
+            process = self._process or self._start(self._words if self._session else filled(self._words, question))
+            answer = late or self._asked(process, question, start + self._limits.seconds)
+            errors = self._last_errors()
+            if not self._session or isinstance(answer, Fault) or process.poll() is not None:
+                self._end()
+        return Reply(answer, time.monotonic() - start, errors)
+
+    def _start(self, words: list[str]) -> subprocess.Popen[bytes]:
+        self._errors = tempfile.TemporaryFile()  # noqa: SIM115  (closed with the process)
         self._process = subprocess.Popen(
-            ["/bin/sh", "-c", _LIMITED, str(limits.memory_bytes >> 10), *words],
-            stdin=subprocess.PIPE if asked_through else subprocess.DEVNULL,
+            ["/bin/sh", "-c", _LIMITED, str(self._limits.memory_bytes >> 10), *words],
+            stdin=subprocess.PIPE if self._session else subprocess.DEVNULL,
             stdout=subprocess.PIPE,
-            stderr=subprocess.PIPE,
+            stderr=self._errors,
             start_new_session=True,
         )
-        self._streams = selectors.DefaultSelector()
-        for stream, take in ((self._process.stdout, self._take_output), (self._process.stderr, self._take_errors)):
-            assert stream is not None
-            os.set_blocking(stream.fileno(), False)
-            self._streams.register(stream, selectors.EVENT_READ, take)
+        return self._process
 
-    @property
-    def errors(self) -> str:
-        """End of what it wrote to standard error, printable."""
-        return printable(self._errors.decode("utf-8", "replace"), _ERROR_BYTES, lines=True).strip()
+    def _after_an_answer(self, process: subprocess.Popen[bytes]) -> Fault | None:
+        """What a session did unasked: a line more would be taken for the answer to the next question."""
+        if process.poll():
+            return Fault("status", f"{status_text(process.returncode)} after the answer before")
+        assert process.stdout is not None
+        if select.select([process.stdout], [], [], 0)[0] and os.read(process.stdout.fileno(), _CHUNK):
+            return Fault("answer", "printed more than one line to the question before")
+        return None
 
-    @property
-    def number(self) -> int:
-        """The id of its process."""
-        return self._process.pid
+    def _asked(self, process: subprocess.Popen[bytes], question: Question, deadline: float) -> Answer | Fault:
+        if process.stdin is not None:
+            with contextlib.suppress(BrokenPipeError):
+                os.write(process.stdin.fileno(), question.line())
+        output = self._read(process, deadline)
+        if isinstance(output, Fault):
+            return output
+        line, end, rest = output.partition(b"\n")
+        if self._session and end:
+            return Fault("answer", "printed more than one line") if rest else parse(line)
+        if self._session:
+            return Fault("status", f"ended without an answer ({status_text(process.returncode)})")
+        return Fault("status", status_text(process.returncode)) if process.returncode else parse(output)
 
-    def take_output(self) -> bytes:
-        """The output since the last call."""
-        data = bytes(self._output)
-        self._output.clear()
-        self.has_line = False
-        return data
-
-    def send(self, data: bytes) -> bool:
-        """Write to its standard input; False if it does not take that."""
-        assert self._process.stdin is not None
-        descriptor = self._process.stdin.fileno()
-        os.set_blocking(descriptor, False)
-        try:
-            return os.write(descriptor, data) == len(data)
-        except OSError:
-            return False
-
-    def has_read(self) -> bool:
-        """Whether it has read all that was sent; True if the system does not report it."""
-        assert self._process.stdin is not None
-        try:
-            left = fcntl.ioctl(self._process.stdin.fileno(), termios.FIONREAD, bytes(4))
-        except OSError:
-            return True
-        return not struct.unpack("i", left)[0]
-
-    def finish_input(self) -> None:
-        """Let it see the end of its input."""
-        assert self._process.stdin is not None
-        self._process.stdin.close()
-
-    def wait(self, enough: Callable[[], bool], deadline: float) -> Fault | None:
-        """Read until `enough`, the end of the process, or a limit.
-
-        Raises:
-            Stopped: the run is being given up.
-        """
-        while not enough():
-            if self._stop.is_set():
-                raise Stopped
-            if len(self._output) > self._limits.output_bytes:
-                return Fault("output", f"printed more than {self._limits.output_bytes:,} bytes")
-            if self.ended():
-                self._drain()
-                return None
+    def _read(self, process: subprocess.Popen[bytes], deadline: float) -> bytes | Fault:
+        """The output to the end of the process, or of a session to the end of a line."""
+        assert process.stdout is not None
+        output = bytearray()
+        while True:
             left = deadline - time.monotonic()
             if left <= 0:
                 return Fault("timeout", f"no answer within {self._limits.seconds:g} s")
-            self.turn(min(left, _TURN_SECONDS))
-        return None
+            # What it started may hold the output open: what an ended process wrote is in the pipe.
+            over = process.poll() is not None
+            if not select.select([process.stdout], [], [], 0 if over else min(left, _TURN_SECONDS))[0]:
+                if over:
+                    return bytes(output)
+                continue
+            data = os.read(process.stdout.fileno(), _CHUNK)
+            output += data
+            if len(output) > self._limits.output_bytes:
+                return Fault("output", f"printed more than {self._limits.output_bytes:,} bytes")
+            if self._session and b"\n" in data:
+                return bytes(output)
+            if not data:
+                with contextlib.suppress(subprocess.TimeoutExpired):
+                    process.wait(left)
+                    return bytes(output)
 
-    def turn(self, seconds: float) -> bool:
-        """Read what has come, or comes within `seconds`; whether anything did."""
-        if not self._streams.get_map():
-            time.sleep(min(seconds, _EXIT_SECONDS))
-            return False
-        came = False
-        for key, _ in self._streams.select(seconds):
-            came |= self._read(key)
-        return came
+    def _last_errors(self) -> str:
+        """End of what it wrote to standard error, printable."""
+        assert self._errors is not None
+        self._errors.seek(max(0, self._errors.seek(0, os.SEEK_END) - _ERROR_BYTES))
+        return printable(self._errors.read().decode("utf-8", "replace"), _ERROR_BYTES, lines=True).strip()
 
-    def _read(self, key: selectors.SelectorKey) -> bool:
-        try:
-            data = os.read(key.fd, _CHUNK)
-        except BlockingIOError:
-            return False
-        if data:
-            key.data(data)
-        else:
-            self._streams.unregister(key.fileobj)
-        return bool(data)
-
-    def _take_output(self, data: bytes) -> None:
-        self._output += data
-        self.has_line = self.has_line or b"\n" in data
-
-    def _take_errors(self, data: bytes) -> None:
-        self._errors = (self._errors + data)[-_ERROR_BYTES:]
-
-    def ended(self) -> bool:
-        """Whether the process is over; if so, its status and peak memory are known, and what it started is killed."""
-        if self.status is None:
-            number, status, usage = os.wait4(self._process.pid, os.WNOHANG)
-            if number:
-                self._reaped(status, usage)
-        return self.status is not None
-
-    def _reaped(self, status: int, usage: resource.struct_rusage) -> None:
-        self.status = self._process.returncode = os.waitstatus_to_exitcode(status)
-        self.peak_bytes = _peak(usage)
-        self._kill_group()
-
-    def _kill_group(self) -> None:
-        with contextlib.suppress(ProcessLookupError, PermissionError):
-            os.killpg(self._process.pid, signal.SIGKILL)
-
-    def _drain(self) -> None:
-        # What an ended process wrote is in the pipe. A process that left its group may keep the pipe open and go on
-        # writing: no more than a pipe holds is waited for.
-        for _ in range(64):
-            if not self.turn(0):
-                return
-
-    def close(self) -> None:
-        """Kill it and everything in its group, if it is not over."""
-        if self.status is None:
-            self._kill_group()
-            _, status, usage = os.wait4(self._process.pid, 0)
-            self._reaped(status, usage)
-        self._streams.close()
-        streams: tuple[IO[bytes] | None, ...] = (self._process.stdin, self._process.stdout, self._process.stderr)
-        for stream in streams:
+    def _end(self) -> None:
+        """Kill the process and everything in its group."""
+        process, self._process = self._process, None
+        if process is None:
+            return
+        _kill_group(process)
+        process.wait()
+        for stream in (process.stdin, process.stdout, self._errors):
             if stream is not None:
                 stream.close()
+
+    def close(self) -> None:
+        """Let a session see the end of its input, and end it if it stays."""
+        if self._process is not None and self._process.stdin is not None:
+            self._process.stdin.close()
+            with contextlib.suppress(subprocess.TimeoutExpired):
+                self._process.wait(_GOODBYE_SECONDS)
+        self._end()
+
+    def kill(self) -> None:
+        """End the process from another thread, and start no other: the run is given up."""
+        self._killed = True
+        if self._process is not None:
+            _kill_group(self._process)
+
+
+def _kill_group(process: subprocess.Popen[bytes]) -> None:
+    with contextlib.suppress(ProcessLookupError, PermissionError):
+        os.killpg(process.pid, signal.SIGKILL)
 
 
 def status_text(status: int) -> str:
@@ -222,60 +178,3 @@ def status_text(status: int) -> str:
         return f"killed by {signal.Signals(-status).name}"
     except ValueError:
         return f"killed by signal {-status}"
-
-
-def memory_fault(peak_bytes: int | None, limits: Limits) -> Fault | None:
-    """A fault if a process held more memory than it may; RLIMIT_DATA leaves out shared and file-backed pages."""
-    if peak_bytes is None or peak_bytes <= limits.memory_bytes:
-        return None
-    return Fault("memory", f"held {peak_bytes >> 20:,} MiB, {limits.memory_bytes >> 20:,} MiB are allowed")
-
-
-def _peak(usage: resource.struct_rusage) -> int | None:
-    """Peak memory of a child, in bytes; None if it is not above our own.
-
-    Between fork and exec a child has the pages of this process, and they count.
-    """
-    own = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-    return usage.ru_maxrss * _RSS_UNIT if usage.ru_maxrss > own else None
-
-
-class OneShot:
-    """A decoder that is run anew for each question.
-
-    Args:
-        words: its command, of :func:`scarfmt_conformance.protocol.template`.
-        limits: per question.
-        stop: set to give up.
-    """
-
-    restarts = 0
-    """Number of restarts: always 0, because every question starts a process."""
-
-    def __init__(self, words: list[str], limits: Limits, stop: threading.Event):
-        self._words, self._limits, self._stop = words, limits, stop
-
-    def ask(self, question: Question) -> Reply:
-        """Run it.
-
-        Raises:
-            Stopped: the run is being given up.
-        """
-        start = time.monotonic()
-        child = Child(filled(self._words, question), self._limits, self._stop)
-        try:
-            fault = child.wait(lambda: False, start + self._limits.seconds)
-            answer = fault or self._answer(child)
-        finally:
-            child.close()
-        return Reply(answer, time.monotonic() - start, child.peak_bytes, child.errors)
-
-    def _answer(self, child: Child) -> Answer | Fault:
-        fault = memory_fault(child.peak_bytes, self._limits)
-        if fault is None and child.status:
-            fault = Fault("status", status_text(child.status))
-        return fault or parse(child.take_output())
-
-    def close(self) -> Fault | None:
-        """Nothing runs between questions."""
-        return None

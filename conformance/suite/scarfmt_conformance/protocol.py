@@ -106,7 +106,7 @@ class Fault:
     """No answer.
 
     Attributes:
-        kind: ``answer`` (not the JSON object asked for), ``status``, ``timeout``, ``memory`` or ``output`` (too much).
+        kind: ``answer`` (not the JSON object asked for), ``status``, ``timeout`` or ``output`` (too much).
         message: for people.
     """
 
@@ -124,30 +124,25 @@ class Reply:
     Attributes:
         answer: the answer, or why there is none.
         seconds: until it was there.
-        peak_bytes: most memory the decoder's process held so far; None where the system does not tell.
         errors: end of what it wrote to standard error, printable.
-        before: what went wrong after the answer before this one, and had no influence on this one.
     """
 
     answer: Answer | Fault
     seconds: float
-    peak_bytes: int | None
     errors: str
-    before: Fault | None = None
 
 
 class Decoder(Protocol):
     """Whatever can be asked, one question at a time."""
 
-    @property
-    def restarts(self) -> int:
-        """Times it had to be started again."""
-
     def ask(self, question: Question) -> Reply:
         """The answer to a question, or a fault; raises nothing because of the decoder."""
 
-    def close(self) -> Fault | None:
-        """End its processes; what went wrong after the last answer."""
+    def close(self) -> None:
+        """End its processes."""
+
+    def kill(self) -> None:
+        """End them from another thread, whatever they do, and start no others."""
 
 
 def printable(text: str, limit: int = SHOWN_CHARACTERS, lines: bool = False) -> str:

@@ -112,21 +112,18 @@ def handshake_text(failure: Failure) -> str:
     return "\n".join([f"FAILED {failure.message}", *(f"    {line}" for line in failure.errors.splitlines())])
 
 
-def summary_text(run: Run) -> str:
-    """One line: who, how many, how long, how much memory."""
-    counts = run.counts()
-    who = run.capabilities.decoder if run.capabilities else "the decoder"
-    peak = max((result.peak_bytes for result in run.results if result.peak_bytes), default=0)
-    parts = [f"{counts[PASSED]} passed, {counts[FAILED]} failed, {counts[SKIPPED]} skipped", f"{run.seconds:.1f} s"]
-    parts += [f"at most {peak >> 20} MiB"] if peak else []
-    parts += [f"{run.restarts} restarts"] if run.restarts else []
-    return f"{who}: {'; '.join(parts)}"
-
-
-def skips_text(run: Run) -> str:
-    """Why vectors were skipped, one reason a line; empty if none were."""
-    reasons = Counter(result.reason for result in run.results if result.outcome == SKIPPED)
-    return "\n".join(f"skipped {count}: {reason}" for reason, count in reasons.most_common())
+def failures_text(run: Run, most: int) -> str:
+    """Up to `most` failures, why vectors were skipped, and a line that sums up: who, how many, how long."""
+    failed = [result for result in run.results if result.failure is not None]
+    parts = [] if run.handshake is None else [handshake_text(run.handshake)]
+    parts += [failure_text(result) for result in failed[:most]]
+    if len(failed) > most:
+        parts.append(f"{len(failed) - most} more failures: -v shows them, --format json and --junit keep them")
+    skips = Counter(result.reason for result in run.results if result.outcome == SKIPPED)
+    parts += [f"skipped {count}: {reason}" for reason, count in skips.most_common()]
+    counts, who = run.counts(), run.capabilities.decoder if run.capabilities else "the decoder"
+    totals = f"{counts[PASSED]} passed, {counts[FAILED]} failed, {counts[SKIPPED]} skipped"
+    return "\n".join([*parts, f"{who}: {totals}; {run.seconds:.1f} s"])
 
 
 # ------------------------------------------------------------------------------------------------ for programs
@@ -137,7 +134,7 @@ def as_json(run: Run, command: Sequence[str]) -> dict[str, Any]:
     claims = run.capabilities
     return {
         "format": FORMAT,
-        "suite": {"folder": str(run.suite.place), "bitstream": run.suite.bitstream},
+        "bitstream": run.suite.bitstream,
         "command": list(command),
         "decoder": None
         if claims is None
@@ -151,23 +148,8 @@ def as_json(run: Run, command: Sequence[str]) -> dict[str, Any]:
         "counts": {outcome: run.counts()[outcome] for outcome in _OUTCOMES},
         "stages": {stage: {"agrees": a, "differs": d} for stage, (a, d) in _stage_counts(run).items()},
         "seconds": round(run.seconds, 3),
-        "restarts": run.restarts,
         "handshake": run.handshake and _failure_json(run.handshake),
         "vectors": [_result_json(result) for result in run.results],
-    }
-
-
-def vector_json(vector: Vector) -> dict[str, Any]:
-    """A vector as `conformance list` prints it."""
-    return {
-        "id": vector.id,
-        "class": vector.class_,
-        "result": vector.result,
-        "profile": vector.profile,
-        "bytes": vector.bytes,
-        "features": sorted(vector.features),
-        "rules": list(vector.rules),
-        "file": str(vector.file),
     }
 
 
@@ -179,7 +161,6 @@ def _result_json(result: Result) -> dict[str, Any]:
         "reason": result.reason,
         "questions": result.questions,
         "seconds": round(result.seconds, 4),
-        "peak_bytes": result.peak_bytes,
         "stages": result.stages,
         "rules": list(result.vector.rules),
         "failure": result.failure and {"purpose": result.purpose, **_failure_json(result.failure)},
@@ -193,45 +174,26 @@ def _failure_json(failure: Failure) -> dict[str, Any]:
 
 
 def junit(run: Run) -> bytes:
-    """The report as JUnit XML: a test suite per class, a test case per vector, and one for the handshake."""
-    root = ElementTree.Element("testsuites", name="scar-conformance", time=f"{run.seconds:.3f}")
-    _suite_element(root, CAPABILITIES, [_handshake_case(run)], run.seconds if run.handshake else 0.0)
-    by_class: dict[str, list[Result]] = {}
+    """The report as JUnit XML: a test case per vector, and one for the handshake."""
+    suite = ElementTree.Element("testsuite", name="scar-conformance", time=f"{run.seconds:.3f}")
+    _case(suite, CAPABILITIES, CAPABILITIES, run.handshake, run.handshake and handshake_text(run.handshake))
     for result in run.results:
-        by_class.setdefault(result.vector.class_, []).append(result)
-    for name, results in by_class.items():
-        _suite_element(root, name, [_case(result) for result in results], sum(r.seconds for r in results))
-    for name in ("tests", "failures", "skipped"):
-        root.set(name, str(sum(int(suite.get(name, 0)) for suite in root)))
-    ElementTree.indent(root)
-    data: bytes = ElementTree.tostring(root, encoding="utf-8", xml_declaration=True)
+        text = None if result.failure is None else failure_text(result)
+        case = _case(suite, result.vector.class_, result.vector.id, result.failure, text)
+        case.set("time", f"{result.seconds:.3f}")
+        if result.outcome == SKIPPED:
+            ElementTree.SubElement(case, "skipped", message=result.reason)
+    for name, element in (("tests", "testcase"), ("failures", "failure"), ("skipped", "skipped")):
+        suite.set(name, str(sum(1 for _ in suite.iter(element))))
+    ElementTree.indent(suite)
+    data: bytes = ElementTree.tostring(suite, encoding="utf-8", xml_declaration=True)
     return data + b"\n"
 
 
-def _suite_element(root: ElementTree.Element, name: str, cases: list[ElementTree.Element], seconds: float) -> None:
-    failures = sum(case.find("failure") is not None for case in cases)
-    skipped = sum(case.find("skipped") is not None for case in cases)
-    counts = {"tests": len(cases), "failures": failures, "errors": 0, "skipped": skipped}
-    suite = ElementTree.SubElement(root, "testsuite", name=name, time=f"{seconds:.3f}")
-    for key, value in counts.items():
-        suite.set(key, str(value))
-    suite.extend(cases)
-
-
-def _handshake_case(run: Run) -> ElementTree.Element:
-    case = ElementTree.Element("testcase", name=CAPABILITIES, classname="scar-conformance")
-    if run.handshake is not None:
-        failure = ElementTree.SubElement(case, "failure", type=run.handshake.kind, message=run.handshake.message)
-        failure.text = handshake_text(run.handshake)
-    return case
-
-
-def _case(result: Result) -> ElementTree.Element:
-    class_name = f"scar-conformance.{result.vector.class_}"
-    case = ElementTree.Element("testcase", name=result.vector.id, classname=class_name, time=f"{result.seconds:.3f}")
-    if result.failure is not None:
-        failure = ElementTree.SubElement(case, "failure", type=result.failure.kind, message=result.failure.message)
-        failure.text = failure_text(result)
-    elif result.outcome == SKIPPED:
-        ElementTree.SubElement(case, "skipped", message=result.reason)
+def _case(
+    suite: ElementTree.Element, class_: str, name: str, failure: Failure | None, text: str | None
+) -> ElementTree.Element:
+    case = ElementTree.SubElement(suite, "testcase", name=name, classname=f"scar-conformance.{class_}")
+    if failure is not None:
+        ElementTree.SubElement(case, "failure", type=failure.kind, message=failure.message).text = text
     return case

@@ -9,13 +9,13 @@ import time
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
+from queue import SimpleQueue
 
 from scarfmt_conformance.compare import Difference, annotation_difference, differences, pinned_stages
 from scarfmt_conformance.manifest import REFUSAL_STAGES, Expectation, Layer, Suite, Vector, check_file, load_expectation
-from scarfmt_conformance.process import Stopped
 from scarfmt_conformance.protocol import (
     ALL,
     ANNOTATIONS,
@@ -34,9 +34,8 @@ from scarfmt_conformance.protocol import (
 
 PASSED, FAILED, SKIPPED = "passed", "failed", "skipped"
 _WORKED = "worked"
-_STOPPED_BY_FAILURE = "not asked: stopped at the first failure"
 
-Connect = Callable[[threading.Event], Decoder]
+Connect = Callable[[], Decoder]
 
 
 @dataclass(frozen=True)
@@ -47,13 +46,11 @@ class Options:
         stages: to compare, as if the decoder claimed no others.
         last_layer: only the last layer pinned, instead of each.
         jobs: decoders asked at the same time.
-        fail_fast: ask no more after a failure.
     """
 
     stages: tuple[str, ...] = STAGES
     last_layer: bool = False
     jobs: int = 1
-    fail_fast: bool = False
 
 
 @dataclass(frozen=True)
@@ -92,7 +89,6 @@ class Result:
         failure: why it failed.
         questions: how many were asked.
         seconds: for all of them.
-        peak_bytes: most memory a process of the decoder held, where known.
         stages: stage -> whether it agreed, of those compared.
     """
 
@@ -103,7 +99,6 @@ class Result:
     failure: Failure | None = None
     questions: int = 0
     seconds: float = 0.0
-    peak_bytes: int | None = None
     stages: dict[str, bool] = field(default_factory=dict)
 
 
@@ -117,7 +112,6 @@ class Run:
         handshake: why it did not.
         results: in the order of the vectors.
         seconds: altogether.
-        restarts: times a session had to be started again.
     """
 
     suite: Suite
@@ -125,7 +119,6 @@ class Run:
     handshake: Failure | None = None
     results: list[Result] = field(default_factory=list)
     seconds: float = 0.0
-    restarts: int = 0
 
     def counts(self) -> Counter[str]:
         """Vectors by outcome."""
@@ -181,7 +174,7 @@ def run(
     Args:
         suite: they are of.
         vectors: at least one; their files are checked first.
-        connect: makes a decoder that gives up when the event is set; called once per job.
+        connect: makes a decoder; called once per job.
         options: what to ask.
         report: called with every result, in the order of time, from several threads but one at a time.
 
@@ -191,17 +184,17 @@ def run(
     for vector in vectors:
         check_file(vector)
     start = time.monotonic()
-    stop = threading.Event()
+    decoders = [connect() for _ in range(min(options.jobs, len(vectors)))]
     score = Run(suite)
     try:
-        score.capabilities, score.handshake = _shake_hands(suite, vectors, connect(stop))
+        score.capabilities, score.handshake = _shake_hands(suite, vectors, decoders[0])
         if score.capabilities is not None:
             with tempfile.TemporaryDirectory(prefix="scar-conformance-") as scratch:
-                crew = _Crew(suite, vectors, score.capabilities, options, Path(scratch), report)
-                crew.work(connect, stop)
-            score.results, score.restarts = crew.in_order(), crew.restarts
+                examine = partial(_examine, suite, score.capabilities, options, Path(scratch))
+                score.results = _examine_all(vectors, decoders, examine, report)
     finally:
-        stop.set()
+        for decoder in decoders:
+            decoder.close()
     score.seconds = time.monotonic() - start
     return score
 
@@ -210,114 +203,87 @@ def _shake_hands(
     suite: Suite, vectors: Sequence[Vector], decoder: Decoder
 ) -> tuple[Capabilities | None, Failure | None]:
     worked = next((vector for vector in suite.vectors if vector.id == _WORKED), vectors[0])
-    try:
-        reply = decoder.ask(Question(worked.file.resolve(), 0, CAPABILITIES))
-    finally:
-        decoder.close()
+    reply = decoder.ask(Question(worked.file.resolve(), 0, CAPABILITIES))
     if isinstance(reply.answer, Capabilities):
         return reply.answer, None
     fault = reply.answer if isinstance(reply.answer, Fault) else Fault("answer", "answered something else")
     return None, Failure(fault.kind, f"{CAPABILITIES}: {fault.message}", errors=reply.errors)
 
 
-class _Crew:
-    """Threads that take vectors from one list, each with a decoder of its own."""
+def _examine_all(
+    vectors: Sequence[Vector],
+    decoders: Sequence[Decoder],
+    examine: Callable[[Decoder, Vector], Result],
+    report: Callable[[Result], None],
+) -> list[Result]:
+    """The results in the order of the vectors, a thread a decoder; an exception, an interrupt included, ends all."""
+    free: SimpleQueue[Decoder] = SimpleQueue()
+    for decoder in decoders:
+        free.put(decoder)
+    reporting = threading.Lock()
 
-    def __init__(
-        self,
-        suite: Suite,
-        vectors: Sequence[Vector],
-        claims: Capabilities,
-        options: Options,
-        scratch: Path,
-        report: Callable[[Result], None],
-    ):
-        self.restarts = 0
-        self._suite, self._claims, self._options = suite, claims, options
-        self._scratch, self._report = scratch, report
-        self._vectors, self._next = vectors, iter(range(len(vectors)))
-        self._lock, self._failed = threading.Lock(), threading.Event()
-        self._results: dict[int, Result] = {}
-
-    def work(self, connect: Connect, stop: threading.Event) -> None:
-        """Go through all vectors; on an exception, an interrupt included, end every decoder."""
-        jobs = max(1, min(self._options.jobs, len(self._vectors)))
-        with ThreadPoolExecutor(jobs, thread_name_prefix="conformance") as pool:
-            try:
-                for future in [pool.submit(self._member, connect, stop) for _ in range(jobs)]:
-                    future.result()
-            except BaseException:
-                stop.set()
-                raise
-
-    def in_order(self) -> list[Result]:
-        """The results, those of vectors that were not asked about included."""
-        unasked = (Result(vector, outcome=SKIPPED, reason=_STOPPED_BY_FAILURE) for vector in self._vectors)
-        return [self._results.get(number, other) for number, other in enumerate(unasked)]
-
-    def _member(self, connect: Connect, stop: threading.Event) -> None:
-        decoder = connect(stop)
-        result: Result | None = None
+    def examine_one(vector: Vector) -> Result:
+        decoder = free.get()
         try:
-            for number in self._numbers(stop):
-                result = self._examine(decoder, self._vectors[number], result)
-                with self._lock:
-                    self._results[number] = result
-                    self._report(result)
-                if result.outcome == FAILED and self._options.fail_fast:
-                    self._failed.set()
-        except Stopped:
-            return
-        except BaseException:
-            stop.set()
-            raise
+            result = examine(decoder, vector)
         finally:
-            _blame(result, decoder.close())
-            with self._lock:
-                self.restarts += decoder.restarts
-
-    def _numbers(self, stop: threading.Event) -> Iterator[int]:
-        while not stop.is_set() and not self._failed.is_set():
-            with self._lock:
-                number = next(self._next, None)
-            if number is None:
-                return
-            yield number
-
-    def _examine(self, decoder: Decoder, vector: Vector, before: Result | None) -> Result:
-        expectation = load_expectation(vector)
-        result = Result(vector, expectation.purpose)
-        stages = [stage for stage in self._claims.stages if stage in self._options.stages]
-        result.reason = _not_claimed(self._suite, vector, self._claims)
-        tasks = [] if result.reason else list(_tasks(vector, expectation, stages, self._options.last_layer))
-        if not tasks:
-            result.outcome, result.reason = SKIPPED, result.reason or "nothing pinned is of a stage claimed"
-            return result
-        file = self._extended(vector, expectation.extend_to)
-        if file is None:
-            result.outcome, result.reason = SKIPPED, f"no file of {expectation.extend_to:,} bytes can be made here"
-            return result
-        for task in tasks:
-            _ask(decoder, file, task, result, before)
-            if result.outcome == FAILED:
-                break
-        if file != vector.file:
-            file.unlink()
+            free.put(decoder)
+        with reporting:
+            report(result)
         return result
 
-    def _extended(self, vector: Vector, length: int) -> Path | None:
-        """The file to ask about: the vector's, or a sparse copy with zeros after it; None if that cannot be made."""
-        if length <= vector.bytes:
-            return vector.file
-        path = self._scratch / f"{vector.id.replace('/', '-')}.scar"
-        shutil.copyfile(vector.file, path)
+    with ThreadPoolExecutor(len(decoders), thread_name_prefix="conformance") as pool:
         try:
-            with path.open("r+b") as stream:
-                stream.truncate(length)
-        except OSError:
-            path.unlink()
-            return None
-        return path
+            return list(pool.map(examine_one, vectors))
+        except BaseException:
+            pool.shutdown(wait=False, cancel_futures=True)
+            for decoder in decoders:
+                decoder.kill()
+            raise
+
+
+def _examine(
+    suite: Suite, claims: Capabilities, options: Options, scratch: Path, decoder: Decoder, vector: Vector
+) -> Result:
+    """Ask all questions of a vector, up to the first that fails."""
+    expectation = load_expectation(vector)
+    result = Result(vector, expectation.purpose)
+    stages = [stage for stage in claims.stages if stage in options.stages]
+    result.reason = _not_claimed(suite, vector, claims)
+    tasks = [] if result.reason else list(_tasks(vector, expectation, stages, options.last_layer))
+    if not tasks:
+        result.outcome, result.reason = SKIPPED, result.reason or "nothing pinned is of a stage claimed"
+        return result
+    file = _extended(vector, expectation.extend_to, scratch)
+    if file is None:
+        result.outcome, result.reason = SKIPPED, f"no file of {expectation.extend_to:,} bytes can be made here"
+        return result
+    for task in tasks:
+        reply = decoder.ask(Question(file, task.layers, task.stage, task.camera))
+        result.questions += 1
+        result.seconds += reply.seconds
+        result.failure = _judged(reply, task, result.stages)
+        if result.failure is not None:
+            result.outcome = FAILED
+            break
+    if file != vector.file:
+        file.unlink()
+    return result
+
+
+def _extended(vector: Vector, length: int, scratch: Path) -> Path | None:
+    """The file to ask about: the vector's, or a sparse copy with zeros after it; None if that cannot be made."""
+    if length <= vector.bytes:
+        return vector.file
+    path = scratch / f"{vector.id.replace('/', '-')}.scar"
+    shutil.copyfile(vector.file, path)
+    try:
+        with path.open("r+b") as stream:
+            stream.truncate(length)
+    except OSError:
+        path.unlink()
+        return None
+    return path
 
 
 def _not_claimed(suite: Suite, vector: Vector, claims: Capabilities) -> str:
@@ -328,34 +294,11 @@ def _not_claimed(suite: Suite, vector: Vector, claims: Capabilities) -> str:
     return ""
 
 
-def _ask(decoder: Decoder, file: Path, task: _Task, result: Result, before: Result | None) -> None:
-    """Ask one question and enter what comes of it into the result, or into that of the question before."""
-    reply = decoder.ask(Question(file, task.layers, task.stage, task.camera))
-    _blame(result if result.questions else before, reply.before)
-    result.questions += 1
-    result.seconds += reply.seconds
-    if reply.peak_bytes is not None:
-        result.peak_bytes = max(reply.peak_bytes, result.peak_bytes or 0)
-    failure = _judged(reply, task, result.stages)
-    if failure is not None:
-        result.outcome, result.failure = FAILED, failure
-
-
-def _blame(result: Result | None, fault: Fault | None) -> None:
-    """Enter what went wrong after the last answer."""
-    if result is not None and result.outcome == PASSED and fault is not None:
-        result.outcome, result.failure = FAILED, Failure(fault.kind, fault.message)
-
-
 def _judged(reply: Reply, task: _Task, compared: dict[str, bool]) -> Failure | None:
-    answer = reply.answer
-    if isinstance(answer, Fault):
-        return Failure(answer.kind, answer.message, task.layers, errors=reply.errors)
-    failure = task.judge(answer, compared)
-    if failure is None:
-        return None
-    shown = (failure.kind, failure.message, task.layers, failure.differences, failure.expected, failure.got)
-    return Failure(*shown, reply.errors)
+    if isinstance(reply.answer, Fault):
+        return Failure(reply.answer.kind, reply.answer.message, task.layers, errors=reply.errors)
+    failure = task.judge(reply.answer, compared)
+    return failure and replace(failure, layer=task.layers, errors=reply.errors)
 
 
 # ------------------------------------------------------------------------------------------------ questions

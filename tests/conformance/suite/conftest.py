@@ -5,7 +5,6 @@ from __future__ import annotations
 import hashlib
 import json
 import sys
-import threading
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -13,10 +12,8 @@ from typing import Any
 
 import pytest
 from scarfmt_conformance.manifest import Suite, load_suite
-from scarfmt_conformance.process import Limits, OneShot
-from scarfmt_conformance.protocol import Decoder
+from scarfmt_conformance.process import Limits, Program
 from scarfmt_conformance.runner import Options, Result, Run, run
-from scarfmt_conformance.session import Session
 
 FAKE = [sys.executable, "-I", "-S", str(Path(__file__).with_name("fake_decoder.py"))]
 ONE_SHOT, SESSION = [*FAKE, "{file}", "{layers}", "{stage}"], [*FAKE, "--session"]
@@ -95,12 +92,12 @@ def score(
 ) -> Run:
     """Ask the fake decoder about every vector."""
     loaded = suite.load()
+    return run(loaded, loaded.vectors, lambda: program(session, limits), options or Options())
 
-    def connect(stop: threading.Event) -> Decoder:
-        bounds = limits or Limits(PATIENCE_SECONDS)
-        return Session(SESSION, bounds, stop) if session else OneShot(ONE_SHOT, bounds, stop)
 
-    return run(loaded, loaded.vectors, connect, options or Options())
+def program(session: bool, limits: Limits | None = None) -> Program:
+    """The fake decoder, to be asked in one of the two ways."""
+    return Program(SESSION if session else ONE_SHOT, limits or Limits(PATIENCE_SECONDS), session)
 
 
 def only(results: Run) -> Result:

@@ -6,7 +6,6 @@ Run as a script, by the runner under test, in both ways of the protocol. Only th
 from __future__ import annotations
 
 import json
-import mmap
 import os
 import signal
 import sys
@@ -49,12 +48,6 @@ def misbehave(plan: dict[str, Any], answer: str) -> bool:
         child_that_holds_the_output(plan["told"])
     elif what == "allocate":
         bytearray(4 << 30)
-    elif what == "hold":
-        plan["held"] = b"x" * (plan["mib"] << 20)
-    elif what == "share":
-        shared = mmap.mmap(-1, plan["mib"] << 20)
-        for start in range(0, len(shared), mmap.PAGESIZE):
-            shared[start] = 1
     elif what == "print":
         sys.stdout.buffer.write(plan["text"].encode("latin-1"))
         return False

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import zipfile
 from pathlib import Path
 
@@ -27,7 +28,6 @@ def archive(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_it_holds_every_vector_as_the_manifest_names_it(archive: Path) -> None:
     """A file left out or changed would be a damaged suite."""
     with open_suite(archive) as suite:
-        assert (suite.archive, suite.place) == (archive, archive)
         assert [vector.id for vector in suite.vectors] == names()
         for vector in suite.vectors:
             check_file(vector)
@@ -44,11 +44,9 @@ def test_equal_vectors_make_equal_archives(archive: Path, tmp_path: Path) -> Non
 
 
 def test_the_archives_of_a_checkout_are_the_suite(archive: Path) -> None:
-    """The same files as from the one zip, and the user reads of the folder."""
+    """The same files as from the one zip."""
     with unpacked(archive) as one, unpacked(CONFORMANCE) as folder:
         assert {p.relative_to(one) for p in one.rglob("*.*")} == {p.relative_to(folder) for p in folder.rglob("*.*")}
-    with open_suite(CONFORMANCE) as suite:
-        assert suite.place == CONFORMANCE
 
 
 def test_a_damaged_archive_is_a_fault_of_the_suite(archive: Path, tmp_path: Path) -> None:
@@ -75,7 +73,7 @@ def test_commands_take_an_archive(archive: Path, tmp_path: Path) -> None:
     listed = call("list", "--suite", archive, "--class", "either")
     call("unpack", "--suite", archive, tmp_path / "folder")
     assert call("list", "--suite", tmp_path / "folder", "--class", "either") == listed
-    report = call("run", "--suite", archive, "--only", "worked", "--session", "--format", "json")
-    assert f'"folder": "{archive}"' in report
+    report = json.loads(call("run", "--suite", archive, "--only", "worked", "--session", "--format", "json"))
+    assert report["counts"]["passed"] == 1
     again = CliRunner().invoke(cli, ["conformance", "unpack", str(tmp_path / "folder")])
     assert (again.exit_code, "output-exists" in again.stderr) == (2, True)

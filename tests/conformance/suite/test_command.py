@@ -70,28 +70,22 @@ def test_json_alone_is_on_stdout(run_: list[object]) -> None:
     assert [entry["id"] for entry in value["vectors"]] == ["valid/good", "valid/bad", "invalid/good"]
 
 
-def test_reports_are_written_whole_and_not_over_others(run_: list[object], tmp_path: Path) -> None:
-    names = [tmp_path / "out.json", tmp_path / "out.xml"]
-    arguments = [*run_, "--output", names[0], "--junit", names[1]]
-    assert call(*arguments).exit_code == 1
-    assert json.loads(names[0].read_text())["counts"]["failed"] == 1
-    assert ElementTree.parse(names[1]).getroot().get("failures") == "1"
-    names[1].unlink()
-    result = call(*arguments)
-    assert (result.exit_code, "output-exists" in result.stderr) == (2, True)
-    assert not names[1].exists()
-    assert call(*arguments, "--force").exit_code == 1
-    assert names[1].exists()
+def test_a_report_is_written_whole_and_not_over_another(run_: list[object], tmp_path: Path) -> None:
+    report = tmp_path / "out.xml"
+    report.write_text("old")
+    result = call(*run_, "--junit", report)
+    assert (result.exit_code, "output-exists" in result.stderr, report.read_text()) == (2, True, "old")
+    assert call(*run_, "--junit", report, "--force").exit_code == 1
+    assert ElementTree.parse(report).getroot().get("failures") == "1"
 
 
 def test_many_failures_are_counted_unless_verbose(suite: SuiteWriter) -> None:
     for number in range(23):
         suite.decoded(f"valid/v{number}", {"answers": {}})
     arguments = ["run", "--suite", suite.load().folder, "--session", shlex.join(SESSION)]
-    assert call(*arguments).stderr.count("FAILED") == 20
-    assert "3 more failures" in call(*arguments).stderr
+    short = call(*arguments).stderr
+    assert (short.count("FAILED"), "3 more failures" in short) == (20, True)
     assert call(*arguments, "-v").stderr.count("FAILED") == 23
-    assert call(*arguments, "--fail-fast").stderr.count("FAILED") == 1
 
 
 def test_a_decoder_that_says_nothing_of_itself_fails(folder: Path) -> None:
@@ -134,8 +128,6 @@ def test_vectors_are_listed(folder: Path) -> None:
     rows = [line.split() for line in call("list", "--suite", folder, "--feature", "one").stdout.splitlines()]
     assert [row[0] for row in rows] == ["id", "valid/good", "invalid/good"]
     assert rows[2][1:3] == ["refused", "explicit"]
-    value = json.loads(call("list", "--suite", folder, "--format", "json", "--class", "valid").stdout)
-    assert [entry["id"] for entry in value["vectors"]] == ["valid/good", "valid/bad"]
 
 
 @pytest.mark.parametrize("way", [[], ["--session"]])
@@ -149,9 +141,9 @@ def test_the_reference_decoder_is_the_default(way: list[str]) -> None:
 
 def test_an_interrupt_ends_the_decoder_too(suite: SuiteWriter, tmp_path: Path) -> None:
     """An interrupt ends the decoder and leaves no half-written report."""
-    told, report = tmp_path / "number", tmp_path / "report.json"
+    told, report = tmp_path / "number", tmp_path / "report.xml"
     suite.decoded("valid/hang", {"misbehave": "hang", "told": str(told)})
-    words = ["conformance", "run", "--suite", suite.load().folder, "--decoder", DECODER, "--output", report]
+    words = ["conformance", "run", "--suite", suite.load().folder, "--decoder", DECODER, "--junit", report]
     words += ["--timeout", 3600]
     # A test run in the background of a shell hands down that SIGINT is ignored.
     script = (
@@ -174,12 +166,3 @@ def test_an_interrupt_ends_the_decoder_too(suite: SuiteWriter, tmp_path: Path) -
     assert "Traceback" not in errors
     assert wait_until(lambda: is_gone(int(told.read_text())))
     assert not [path.name for path in tmp_path.iterdir() if "report" in path.name]
-
-
-def test_scoring_needs_neither_torch_nor_numba() -> None:
-    script = (
-        "import sys, scarfmt_conformance.runner, scarfmt_conformance.report, scarfmt_conformance.session;"
-        "print([n for n in ('torch', 'numba', 'scarfmt.coding.reader', 'reference_decoder') if n in sys.modules])"
-    )
-    done = subprocess.run([sys.executable, "-c", script], cwd=REPOSITORY, capture_output=True, text=True, check=True)
-    assert done.stdout.strip() == "[]"

@@ -27,7 +27,7 @@ def scored() -> Run:
     failure = Failure("values", "stage indices, array a: differs", 2, found, errors="one\n<two> & ]]>\nthree")
     claims = Capabilities("mine 1", frozenset({"0.1"}), frozenset({"anchor"}), ("models", "indices"))
     results = [
-        Result(vector("valid/a"), "p", PASSED, questions=2, seconds=1.5, peak_bytes=50 << 20, stages={"models": True}),
+        Result(vector("valid/a"), "p", PASSED, questions=2, seconds=1.5, stages={"models": True}),
         Result(
             vector("valid/b", "R-10.5-1", "R-11-1", "odd"),
             "a <purpose>",
@@ -39,7 +39,7 @@ def scored() -> Run:
         ),
         Result(vector("edge/c"), "p", SKIPPED, "the anchor profile is not claimed"),
     ]
-    return Run(Suite(Path("/suite"), "0.1", ()), claims, None, results, 2.25, restarts=1)
+    return Run(Suite(Path("/suite"), "0.1", ()), claims, None, results, 2.25)
 
 
 def refused_to_talk() -> Run:
@@ -82,13 +82,7 @@ def test_the_json_report_holds_everything() -> None:
 
 def test_junit_xml_parses_and_counts() -> None:
     root = ElementTree.fromstring(report.junit(scored()))
-    assert root.tag == "testsuites"
-    assert {key: root.get(key) for key in ("tests", "failures", "skipped")} == {
-        "tests": "4",
-        "failures": "1",
-        "skipped": "1",
-    }
-    assert [suite.get("name") for suite in root] == ["capabilities", "valid", "edge"]
+    assert (root.tag, root.get("tests"), root.get("failures"), root.get("skipped")) == ("testsuite", "4", "1", "1")
     case = root.find(".//testcase[@name='valid/b']")
     assert case is not None
     failure = case.find("failure")

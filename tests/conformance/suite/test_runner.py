@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import threading
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import pytest
-from scarfmt_conformance.protocol import STAGES, Capabilities, Decoder, Fault, Question, Refusal, Reply, Values
+from scarfmt_conformance.protocol import STAGES, Capabilities, Fault, Question, Refusal, Reply, Values
 from scarfmt_conformance.runner import FAILED, PASSED, SKIPPED, Options, Result, Run, run
 
 from scarfmt.errors import InvalidInput
@@ -21,31 +20,29 @@ OBJECT = Values({"metadata": {"metadata": {"a": 1}}})
 class Stub:
     """A decoder in this process that writes down what it is asked."""
 
-    restarts = 0
-
     def __init__(self, answer: Callable[[Question], Any], claims: Any = CLAIMS):
+        self.killed = False
         self.asked: list[tuple[int, str]] = []
         self.files: list[Path] = []
         self._answer, self._claims = answer, claims
 
     def ask(self, question: Question) -> Reply:
         if question.stage == "capabilities":
-            return Reply(self._claims, 0.0, None, "")
+            return Reply(self._claims, 0.0, "")
         self.asked.append((question.layers, question.stage))
         self.files.append(question.file)
-        return Reply(self._answer(question), 0.0, None, "said this")
+        return Reply(self._answer(question), 0.0, "said this")
 
-    def close(self) -> Fault | None:
-        return None
+    def close(self) -> None:
+        """Nothing runs."""
+
+    def kill(self) -> None:
+        self.killed = True
 
 
 def ask(suite: SuiteWriter, stub: Stub, options: Options | None = None) -> Run:
     loaded = suite.load()
-
-    def connect(_stop: threading.Event) -> Decoder:
-        return stub
-
-    return run(loaded, loaded.vectors, connect, options or Options())
+    return run(loaded, loaded.vectors, lambda: stub, options or Options())
 
 
 def claiming(*names: str, **changed: Any) -> Capabilities:
@@ -298,7 +295,7 @@ def test_a_damaged_suite_is_found_before_anything_is_asked(suite: SuiteWriter) -
     (folder / "input.scar").write_bytes(b"other")
     stub = Stub(right)
     with pytest.raises(InvalidInput, match="valid/b"):
-        run(loaded, loaded.vectors, lambda _stop: stub, Options())
+        run(loaded, loaded.vectors, lambda: stub, Options())
     assert stub.asked == []
 
 
@@ -316,49 +313,22 @@ def test_results_are_in_the_order_of_the_vectors(suite: SuiteWriter, ask_by_sess
     assert [result.outcome == FAILED for result in results] == [id_ == "valid/v3" for id_ in ids]
 
 
-def test_fail_fast_asks_no_more(suite: SuiteWriter) -> None:
-    for name in ("a", "b", "c"):
-        suite.decoded(f"valid/{name}")
-    stub = Stub(lambda _question: Fault("status", "exit status 1"))
-    results = ask(suite, stub, Options(fail_fast=True))
-    assert len(stub.asked) == 1
-    assert [result.outcome for result in results.results] == [FAILED, SKIPPED, SKIPPED]
-    assert "first failure" in results.results[2].reason
-
-
 @pytest.mark.parametrize("error", [InvalidInput("input-suite", "broken"), KeyboardInterrupt()])
 def test_an_error_in_one_thread_ends_all(suite: SuiteWriter, error: BaseException) -> None:
-    """The error is raised, not swallowed."""
+    """The error is raised, not swallowed, and no decoder is left at work."""
     for number in range(20):
         suite.decoded(f"valid/v{number}")
     loaded = suite.load()
-    events: list[threading.Event] = []
+    stubs: list[Stub] = []
 
     def report(result: Result) -> None:
         if result.vector.id == "valid/v1":
             raise error
 
-    def connect(stop: threading.Event) -> Decoder:
-        events.append(stop)
-        return Stub(right)
+    def connect() -> Stub:
+        stubs.append(Stub(right))
+        return stubs[-1]
 
     with pytest.raises(type(error)):
         run(loaded, loaded.vectors, connect, Options(jobs=4), report)
-    assert all(event.is_set() for event in events)
-
-
-def test_what_goes_wrong_after_an_answer_is_held_against_that_answer(suite: SuiteWriter) -> None:
-    """The reply to the next question brings the news."""
-
-    class Late(Stub):
-        def ask(self, question: Question) -> Reply:
-            reply = super().ask(question)
-            late = Fault("status", "killed by SIGSEGV after its answer") if len(self.asked) == 2 else None
-            return Reply(reply.answer, 0.0, None, "", before=late)
-
-    for name in ("a", "b", "c"):
-        suite.decoded(f"valid/{name}")
-    results = ask(suite, Late(right)).results
-    assert [result.outcome for result in results] == [FAILED, PASSED, PASSED]
-    assert results[0].failure is not None
-    assert "SIGSEGV" in results[0].failure.message
+    assert [stub.killed for stub in stubs] == [True] * 4
