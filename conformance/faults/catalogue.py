@@ -26,11 +26,11 @@ from conformance.surgery.files import (
 )
 from conformance.surgery.parts import broken, flipped, header_with
 from conformance.writer.models import codebooks_block
-from conformance.writer.tile import tile_block
 from scarfmt.blocks.codebooks import MAX_VALUE, unpack_codebooks
 from scarfmt.coding.writer import QuantisedScene
 from scarfmt.container.file import Block
 from scarfmt.container.schema import BlockKind, Stream
+from scarfmt.container.substreams import pack_substreams
 
 Files = dict[str, tuple[bytes, QuantisedScene]]
 
@@ -129,7 +129,7 @@ def _wrong_crc(payload: bytes) -> bytes:
 
 
 def _with_masks(payload: bytes) -> bytes:
-    return tile_block({**tile_parts(payload), Stream.MASKS: bytes([1, 0, 0, 0])})
+    return pack_substreams({**tile_parts(payload), Stream.MASKS: bytes([1, 0, 0, 0])})
 
 
 def _larger_size(frame: bytes) -> bytes:
@@ -172,7 +172,7 @@ def _scales(before: bytes = b"", after: bytes = b"") -> Callable[[bytes], bytes]
 
     def change(payload: bytes) -> bytes:
         parts = tile_parts(payload)
-        return tile_block({**parts, Stream.SCALE: before + parts[Stream.SCALE] + after})
+        return pack_substreams({**parts, Stream.SCALE: before + parts[Stream.SCALE] + after})
 
     return change
 

@@ -8,16 +8,16 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 
-from conformance.faults.table_records import number
 from conformance.faults.zstd_faults import raw_block, window_of, with_frame, zstd_block, zstd_frame
 from conformance.scenes.cases import Case
 from conformance.scenes.container_scenes import plain_scene
 from conformance.surgery.files import blocks_of, content_of, vector_file
-from conformance.writer import Table, WriteOptions
+from conformance.writer import WriteOptions, table_of
 from scarfmt.container.schema import BlockKind
+from scarfmt.entropy.keys import TableKey
 
 _COMPRESSED = 2
-_IDLE = number(12, 0, 0, 0)
+_IDLE = TableKey(12, 0, 0, 0)
 """A key that names nothing, after all others."""
 _WEIGHTS = tuple(1 + (i * i // 7) % 2 for i in range(1200))
 _LITERALS_COMPRESSED = 2
@@ -26,7 +26,7 @@ _LITERALS_COMPRESSED = 2
 def huffman_cases() -> Iterator[Case]:
     """A sound frame, and the same with streams a bit longer and a bit shorter than their symbols."""
     scene = plain_scene()
-    options = WriteOptions(tables={1: {_IDLE: Table(tuple(range(len(_WEIGHTS))), _WEIGHTS)}})
+    options = WriteOptions(tables={1: {_IDLE: table_of(tuple(range(len(_WEIGHTS))), _WEIGHTS)}})
     content = _tables_content(vector_file(scene, options=options))
     for id_, purpose, bits in (
         ("edge/huffman-literals", "literals of four Huffman streams, used up exactly", (0, 0, 0, 0)),

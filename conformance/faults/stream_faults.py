@@ -15,10 +15,10 @@ from conformance.scenes.made import Plan, build, channel
 from conformance.scenes.neural_models import PredictorPlan
 from conformance.surgery.files import blocks_of, layer_counts_of, rebuilt, tile_parts, vector_file
 from conformance.surgery.parts import flipped
-from conformance.writer.tile import tile_block
 from scarfmt.coding.writer import QuantisedScene
 from scarfmt.container.file import Block, Tile
 from scarfmt.container.schema import BlockKind, Stream
+from scarfmt.container.substreams import pack_substreams
 from scarfmt.scene.model import Channel, DecodedContext, LayerRow
 
 Files = dict[str, tuple[bytes, QuantisedScene]]
@@ -70,7 +70,7 @@ def _with_part(data: bytes, layer: int, stream: Stream, change: Callable[[bytes]
         parts = tile_parts(block.payload)
         parts[stream] = change(parts.get(stream, b""))
         sizes = {int(kind): len(part) for kind, part in parts.items()}
-        return replace(block, payload=tile_block(parts), stream_bytes=sizes)
+        return replace(block, payload=pack_substreams(parts), stream_bytes=sizes)
 
     return _with_block(data, layer, edit)
 
@@ -154,7 +154,7 @@ def _second_block(constant: bytes, parts: dict[Stream, bytes], new: int) -> byte
     """The file, which has no TILE block in layer 2, with one there, in which `new` anchors appear."""
     first = layer_counts_of(constant)[0][0]
     sizes = {int(stream): len(part) for stream, part in parts.items()}
-    block = Block(BlockKind.TILE, 2, tile_block(parts), tile=0, count=new, stream_bytes=sizes)
+    block = Block(BlockKind.TILE, 2, pack_substreams(parts), tile=0, count=new, stream_bytes=sizes)
     counts = [(first, first), (first + new, first + new)]
     return rebuilt(constant, [*blocks_of(constant), block], counts)
 

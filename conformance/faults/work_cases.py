@@ -11,12 +11,13 @@ import numpy as np
 from conformance.scenes.cases import Case
 from conformance.scenes.made import Plan, build, channel
 from conformance.surgery.files import vector_file
-from conformance.writer import FrameStyle, Table, WriteOptions
+from conformance.writer import FrameStyle, WriteOptions, table_of
 from conformance.writer.frames import BlockForm
 from scarfmt.blocks.mlp import Linear, QuantisedMlp
 from scarfmt.coding.writer import QuantisedScene
 from scarfmt.container.file import Tile
 from scarfmt.container.schema import BlockKind, Stream
+from scarfmt.entropy.keys import TableKey
 from scarfmt.scene.model import LayerRow
 
 _RUNS = WriteOptions(frames=dict.fromkeys((BlockKind.TABLES, BlockKind.DECODER_MLP), FrameStyle(BlockForm.RUNS)))
@@ -62,6 +63,6 @@ def _check_sides(within: int, beyond: int) -> None:
 
 
 def _with_idle_tables() -> WriteOptions:
-    table = Table(tuple(range(4096)), (1,) * 4096)
-    first = Stream.SCALE << 24 | 2 << 8
-    return replace(_RUNS, tables={1: {first | context: table for context in range(_IDLE_TABLES)}})
+    table = table_of(tuple(range(4096)), (1,) * 4096)
+    keys = (TableKey(Stream.SCALE, 0, 2, context) for context in range(_IDLE_TABLES))
+    return replace(_RUNS, tables={1: dict.fromkeys(keys, table)})

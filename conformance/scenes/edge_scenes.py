@@ -9,7 +9,6 @@ from typing import Any
 
 import numpy as np
 
-from conformance.faults.table_records import number
 from conformance.scenes.cases import Case
 from conformance.scenes.edge_activations import activation_cases
 from conformance.scenes.edge_networks import network_cases, predictor_cases
@@ -28,10 +27,11 @@ from conformance.scenes.made import (
 from conformance.scenes.page_scenes import page_cases
 from conformance.scenes.prng import Prng
 from conformance.surgery.files import vector_file
-from conformance.writer import BlockForm, FrameStyle, Renewal, RiceStyle, Table, Weights, WriteOptions, kept_frame
+from conformance.writer import BlockForm, FrameStyle, Renewal, RiceStyle, Weights, WriteOptions, kept_frame, table_of
 from scarfmt.coding.writer import QuantisedScene
 from scarfmt.container.file import Block, Tile
 from scarfmt.container.schema import BlockFlag, BlockKind, Profile, Stream
+from scarfmt.entropy.keys import TableKey
 from scarfmt.scene.model import Channel, LayerRow
 
 _WHOLE = (Tile(0, 0, 0),)
@@ -122,25 +122,25 @@ def _lattice_cases() -> Iterator[Case]:
 # ---------------------------------------------------------------------------------------------- tables
 
 
-def _scale_key(component: int) -> int:
-    return number(Stream.SCALE, component, 1, 0)
+def _scale_key(component: int) -> TableKey:
+    return TableKey(Stream.SCALE, component, 1, 0)
 
 
 def _table_cases() -> Iterator[Case]:
     table = ("R-8.3-1",)
     values = tuple(range(-2048, 2048))
-    steep = Table(values, (1,) * 4095 + (_MOST_WEIGHT,))
-    heavy = Table(values, (_MOST_WEIGHT,) * 4096)
-    light = Table(values, (1,) * 4096)
+    steep = table_of(values, (1,) * 4095 + (_MOST_WEIGHT,))
+    heavy = table_of(values, (_MOST_WEIGHT,) * 4096)
+    light = table_of(values, (1,) * 4096)
     tables = {1: {_scale_key(0): steep, _scale_key(1): heavy, _scale_key(2): light}}
     yield _edge("alphabet-4096", "tables of 4096 symbols: weights 1 but one 2^24 - 1, all 2^24 - 1, all 1", _plan(
         "alphabet", (40,), spread=600), table, WriteOptions(tables=tables))
-    extremes = {1: {_scale_key(c): Table((-_LIMIT, 0, _LIMIT), (1, 2, 1)) for c in range(3)}}
+    extremes = {1: {_scale_key(c): table_of((-_LIMIT, 0, _LIMIT), (1, 2, 1)) for c in range(3)}}
     yield _edge("alphabet-extremes", "a table of -(2^31 - 1), 0 and 2^31 - 1, and values of all three", _with_values(
         _plan("extremes", (12,)), [_LIMIT, 0, -_LIMIT, 0]), ("R-8.3-1", "R-7.5-2"), WriteOptions(tables=extremes))
-    idle = {key: Table((-3, 900), (5, 1)) for key in (
-        0, number(Stream.POSITIONS, 0, 0, 1), number(Stream.SCALE, 3, 1, 0), number(Stream.OPACITY, 0, 21, 255),
-        number(Stream.LATENT, 0, 1, 0), number(255, 255, 255, 255))}
+    idle = {TableKey(*key): table_of((-3, 900), (5, 1)) for key in (
+        (0, 0, 0, 0), (Stream.POSITIONS, 0, 0, 1), (Stream.SCALE, 3, 1, 0), (Stream.OPACITY, 0, 21, 255),
+        (Stream.LATENT, 0, 1, 0), (255, 255, 255, 255))}
     yield _edge("tables-idle", "tables that code nothing: of streams, components, steps and contexts there are not",
                 _plan("idle", (9,)), ("R-8.3-4", "R-11-2"), WriteOptions(tables={1: idle}))
     yield from _renewed_cases()

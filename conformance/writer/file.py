@@ -1,74 +1,57 @@
-"""Whole files from scenes."""
+"""Whole files from scenes.
+
+Symbols are recorded and coded by the package's writer; tables, frames, models, ROOT and pages are chosen and packed
+here. That a file says what its scene holds is the readable decoder's to find (:mod:`conformance.expect.document`).
+"""
 
 from __future__ import annotations
 
 import json
 from collections.abc import Iterator
-from dataclasses import replace
 
-from conformance.decoders.python.hash_grid import parse_grid
-from conformance.decoders.python.index_network import parse_network
-from conformance.decoders.python.predictors import parse_predictors
 from conformance.writer.container import write_container
-from conformance.writer.entropy import Table, Tables, table_records
 from conformance.writer.models import codebooks_block, layer_block, networks_content
 from conformance.writer.networks import grid_block, network_block, predictors_block
-from conformance.writer.neural import Models
-from conformance.writer.options import WriteOptions
+from conformance.writer.options import Tables, WriteOptions
 from conformance.writer.streaming import streaming_block
 from conformance.writer.tables import layer_tables
-from conformance.writer.tile import TileLayer, tile_block, tile_layer
 from scarfmt.arrays import Ints
-from scarfmt.coding.writer import QuantisedScene
+from scarfmt.blocks.tables import pack_tables
+from scarfmt.coding.writer import QuantisedScene, layer_counts, record_tile
 from scarfmt.container.file import Block
-from scarfmt.container.schema import BlockKind, Profile, Stream
+from scarfmt.container.schema import BlockKind, Stream
+from scarfmt.container.substreams import pack_substreams
+from scarfmt.entropy.emitters import SymbolCounter
+from scarfmt.entropy.symbol_tables import StaticTables
 
 PLAIN = WriteOptions()
 _SAFE_TO_COPY = 2
 
 
 def write_file(scene: QuantisedScene, options: WriteOptions = PLAIN) -> bytes:
-    """The bytes of a file. Nothing is checked: a scene that breaks a rule gives a file that does.
+    """The bytes of a file. Nothing is checked: a scene that breaks a rule may give a file that does.
 
     Raises:
-        MissingTable: when the tables of the options do not code a symbol.
+        InvalidInput: ``input-symbol`` when the tables of the options do not code a symbol.
     """
     known: Tables = {}
-    models = Models()
     blocks = list(options.blocks)
     for layer in range(1, len(scene.model.layers) + 1):
-        own = list(_model_blocks(scene, layer, options))
-        models = _in_force(models, scene, layer, own)
-        tiles = [tile_layer(scene, layer, number, models) for number in range(len(scene.tiles))]
-        sent = layer_tables((part for tile in tiles for part in tile.streams.values()), known, layer, options)
+        counter, neural = SymbolCounter(), scene.neural(layer)
+        tiles = [record_tile(scene, layer, number, neural, counter) for number in range(len(scene.tiles))]
+        counted = counter.histograms()
+        sent = layer_tables(counted, known, layer, options)
         known = {**known, **sent}
-        blocks += [*own, *_tables_block(sent, layer, options), *_tile_blocks(tiles, known, layer, options)]
+        used = StaticTables({key: known[key] for key in counted if key in known})
+        blocks += _model_blocks(scene, layer, options)
+        if sent:
+            payload = options.frame(BlockKind.TABLES, pack_tables(sent))
+            blocks.append(Block(BlockKind.TABLES, layer, payload, count=len(sent)))
+        for number, tile in enumerate(tiles):
+            block = tile.block(layer, number, used)
+            if block is not None or options.empty_tiles:
+                blocks.append(block or Block(BlockKind.TILE, layer, pack_substreams({}), number))
     return write_container(scene.fields, scene.tiles, blocks, layer_counts(scene), page_bits=options.page_bits)
-
-
-def layer_counts(scene: QuantisedScene) -> list[tuple[int, int]]:
-    """Per layer, cumulative anchors and Gaussians (SPEC §5.3)."""
-    out = []
-    for layer, row in enumerate(scene.model.layers, start=1):
-        anchors = sum(int((content.classes < len(row.stages)).sum()) for content in scene.contents)
-        slots = sum(int(((c.slot_layers > 0) & (c.slot_layers <= layer)).sum()) for c in scene.contents)
-        out.append((anchors, slots if scene.fields.profile == Profile.ANCHOR else anchors))
-    return out
-
-
-def _tables_block(tables: dict[int, Table], layer: int, options: WriteOptions) -> list[Block]:
-    if not tables:
-        return []
-    payload = options.frame(BlockKind.TABLES, table_records(tables))
-    return [Block(BlockKind.TABLES, layer, payload, count=len(tables))]
-
-
-def _tile_blocks(tiles: list[TileLayer], tables: Tables, layer: int, options: WriteOptions) -> Iterator[Block]:
-    for number, tile in enumerate(tiles):
-        streams = {kind: stream.code(tables) for kind, stream in tile.streams.items()}
-        if tile.new or any(streams.values()) or options.empty_tiles:
-            sizes = {kind: len(data) for kind, data in streams.items() if data}
-            yield Block(BlockKind.TILE, layer, tile_block(streams), number, tile.new, sizes)
 
 
 def _model_blocks(scene: QuantisedScene, layer: int, options: WriteOptions) -> Iterator[Block]:
@@ -123,18 +106,3 @@ def _books(scene: QuantisedScene, layer: int) -> dict[int, Ints]:
         return {}
     books = (scene.codebooks.coarse, scene.codebooks.residual)
     return {number: book for number, book in enumerate(books) if _first(scene, number) == layer}
-
-
-def _in_force(models: Models, scene: QuantisedScene, layer: int, blocks: list[Block]) -> Models:
-    """The neural models after the blocks of a layer, as a decoder reads them."""
-    payloads = {block.kind: block.payload for block in blocks}
-    books = {**models.books, **{number: book.tolist() for number, book in _books(scene, layer).items()}}
-    models = replace(models, books=books)
-    if BlockKind.PREDICTORS in payloads:
-        added = parse_predictors(payloads[BlockKind.PREDICTORS])
-        models = replace(models, predictors={**models.predictors, **added})
-    if BlockKind.HASH_GRID in payloads:
-        models = replace(models, grid=parse_grid(payloads[BlockKind.HASH_GRID]))
-    if BlockKind.ENTROPY_NETWORK in payloads:
-        models = replace(models, network=parse_network(payloads[BlockKind.ENTROPY_NETWORK]))
-    return models

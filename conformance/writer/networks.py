@@ -5,9 +5,11 @@ from __future__ import annotations
 import struct
 from collections.abc import Sequence
 
-from conformance.writer.entropy import cumulative, rans
+import numpy as np
+
 from conformance.writer.fields import PLAIN, RiceStyle, rice, shifted, varint
 from scarfmt.arrays import Ints
+from scarfmt.entropy.rans import FrequencyTable, RansEncoder
 from scarfmt.neural.arithmetic import Linear
 from scarfmt.neural.grid import HashGrid
 from scarfmt.neural.network import Attention, GruLayer, Head, IndexNetwork
@@ -102,12 +104,13 @@ def grid_block(grid: HashGrid, ones: int | None) -> bytes:
     numbers = [*grid.origin, grid.extent_bits, len(grid.levels)]
     for level in grid.levels:
         numbers += [level.plane, level.resolution, level.table_log2, level.features]
-    return b"".join([*map(varint, numbers), *(_level(bits.ravel().tolist(), ones) for bits in grid.bits)])
+    return b"".join([*map(varint, numbers), *(_level(bits.ravel(), ones) for bits in grid.bits)])
 
 
-def _level(bits: list[int], ones: int | None) -> bytes:
-    share = (512 * sum(bits) + len(bits)) // (2 * len(bits)) if ones is None else ones
+def _level(bits: Ints, ones: int | None) -> bytes:
+    share = (512 * int(bits.sum()) + len(bits)) // (2 * len(bits)) if ones is None else ones
     share = min(max(share, 1), 255)
-    c = cumulative([256 - share, share])
-    stream = rans([(c[bit], c[bit + 1] - c[bit]) for bit in bits])
+    encoder = RansEncoder()
+    encoder.encode(bits, FrequencyTable.from_weights(np.array([256 - share, share])))
+    stream = encoder.finish()
     return bytes([share]) + struct.pack("<I", len(stream)) + stream

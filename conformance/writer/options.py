@@ -6,12 +6,16 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import Enum
 
-from conformance.writer.entropy import Tables
 from conformance.writer.fields import RiceStyle
 from conformance.writer.frames import Frame, FrameStyle
 from conformance.writer.pages import PAGE_BITS
 from scarfmt.container.file import Block
 from scarfmt.container.schema import BlockKind
+from scarfmt.entropy.keys import TableKey
+from scarfmt.entropy.symbol_tables import SymbolTable
+
+MAX_TABLE_WEIGHT = (1 << 24) - 1
+Tables = Mapping[TableKey, SymbolTable]
 
 
 class Weights(Enum):

@@ -8,39 +8,43 @@ long as that has all the values: comparing sizes would take a logarithm.
 
 from __future__ import annotations
 
-from collections import Counter
-from collections.abc import Iterable
+from collections.abc import Sequence
 
-from conformance.writer.entropy import MAX_TABLE_WEIGHT, Table, Tables
-from conformance.writer.options import Renewal, Weights, WriteOptions
-from conformance.writer.substream import Substream
+import numpy as np
+
+from conformance.writer.options import MAX_TABLE_WEIGHT, Renewal, Tables, Weights, WriteOptions
+from scarfmt.coding.writer import Histogram
+from scarfmt.entropy.keys import TableKey
+from scarfmt.entropy.symbol_tables import SymbolTable
 
 _LEAST_TOP = 7
 
 
-def layer_tables(streams: Iterable[Substream], known: Tables, layer: int, options: WriteOptions) -> dict[int, Table]:
+def table_of(values: Sequence[int], weights: Sequence[int]) -> SymbolTable:
+    """A table of these ascending values, each with its weight."""
+    return SymbolTable(np.array(values, np.int64), np.array(weights, np.int64))
+
+
+def layer_tables(
+    histograms: Histogram, known: Tables, layer: int, options: WriteOptions
+) -> dict[TableKey, SymbolTable]:
     """The tables of a layer's TABLES block.
 
     Args:
-        streams: the symbols of all tiles.
+        histograms: of the symbols of all tiles.
         known: the tables in force before.
     """
-    counts: dict[int, Counter[int]] = {}
-    for stream in streams:
-        for key, counter in stream.counts():
-            counts.setdefault(key, Counter()).update(counter)
     sent = dict(known) if options.renewal == Renewal.REPEATED else {}
-    for key, counter in counts.items():
-        table = known.get(key)
-        enough = table is not None and set(counter) <= set(table.values) and options.renewal != Renewal.ALWAYS
+    for key, (alphabet, counts) in histograms.items():
+        enough = key in known and known[key].places(alphabet) is not None and options.renewal != Renewal.ALWAYS
         if options.fitted and not enough:
-            sent[key] = _table(counter, options)
+            sent[key] = _table(dict(zip(alphabet.tolist(), counts.tolist(), strict=True)), options)
     return {**sent, **options.tables.get(layer, {})}
 
 
-def _table(counter: Counter[int], options: WriteOptions) -> Table:
-    values = tuple(sorted({*counter, *options.unused}))
-    return Table(values, tuple(_weights([counter[value] for value in values], options.weights)))
+def _table(counts: dict[int, int], options: WriteOptions) -> SymbolTable:
+    values = sorted({*counts, *options.unused})
+    return table_of(values, _weights([counts.get(value, 0) for value in values], options.weights))
 
 
 def _weights(counts: list[int], weights: Weights) -> list[int]:

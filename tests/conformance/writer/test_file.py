@@ -1,4 +1,4 @@
-"""The writer of the conformance suite: its files hold the scene; with its tables they are the reference writer's."""
+"""What the suite packs by itself is what the package packs: models, tables, ROOT and pages."""
 
 from __future__ import annotations
 
@@ -10,13 +10,7 @@ import pytest
 from conformance.scenes.made import build, static_plans, worked_scene
 from conformance.scenes.neural_scenes import neural_plans
 from conformance.surgery.files import COMPRESSED, blocks_of, content_of
-from conformance.writer import (
-    FrameStyle,
-    Table,
-    WriteOptions,
-    write_container,
-    write_file,
-)
+from conformance.writer import FrameStyle, WriteOptions, write_container, write_file
 from scarfmt.blocks.tables import unpack_tables
 from scarfmt.coding.writer import QuantisedScene, layer_counts, write_scene
 from scarfmt.container.file import write_container as reference_container
@@ -35,10 +29,7 @@ def reference_parts(scene: QuantisedScene) -> tuple[bytes, WriteOptions]:
     blocks, tables, stored = blocks_of(write_scene(scene)), {}, []
     for block in blocks:
         if block.kind == BlockKind.TABLES:
-            found = unpack_tables(content_of(block))
-            tables[block.layer] = {
-                key.number: Table(tuple(t.alphabet.tolist()), tuple(t.weights.tolist())) for key, t in found.items()
-            }
+            tables[block.layer] = unpack_tables(content_of(block))
         stored.append(replace(block, payload=FrameStyle()(content_of(block))) if block.kind in COMPRESSED else block)
     data = reference_container(scene.fields, scene.tiles, stored, layer_counts(scene))
     return data, WriteOptions(fitted=False, tables=tables)
