@@ -20,7 +20,6 @@ import struct
 import warnings
 from collections.abc import Collection, Iterator
 from dataclasses import dataclass
-from pathlib import PurePosixPath
 from typing import Any
 from urllib.parse import unquote
 
@@ -33,7 +32,7 @@ from scarfmt.container.registries import ColourSpace, RenderModel
 from scarfmt.errors import InputWarning, InvalidInput, Malformed, Unsupported
 from scarfmt.formats import spz
 from scarfmt.formats.frame import LUF_TO_RDF, flip_axes
-from scarfmt.formats.quantise import FLOAT32_ENDS, log_scale, logit_of_opacity
+from scarfmt.formats.quantise import log_scale, logit_of_opacity
 from scarfmt.formats.source import Source
 from scarfmt.scene.description import Description
 from scarfmt.scene.gaussians import GaussianScene, concatenate
@@ -94,35 +93,14 @@ class Asset:
             text, self._binary = _glb_chunks(source)
         self.document = source.json(text)
         self._buffers: dict[int, bytes | memoryview] = {}
-        self._files: dict[PurePosixPath, bytes] = {}
-        version = self.member(self.document, "asset").get("version")
+        self._files: dict[str, bytes] = {}
+        version = self.source.member(self.document, "asset").get("version")
         if not isinstance(version, str) or not version.startswith("2."):
             raise Unsupported("input-version", f"{source.name}: glTF {str(version)[:20]}; this importer reads 2")
 
-    def member(self, holder: dict[str, Any], field: str) -> dict[str, Any]:
-        """A member that is an object; empty where there is none."""
-        value = holder.get(field, {})
-        if not isinstance(value, dict):
-            raise self.source.corrupt("expected a JSON object", field=field)
-        return value
-
-    def array(self, holder: dict[str, Any], field: str) -> list[Any]:
-        """A member that is an array; empty where there is none."""
-        value = holder.get(field, [])
-        if not isinstance(value, list):
-            raise self.source.corrupt("expected a JSON array", field=field)
-        return value
-
-    def natural(self, holder: dict[str, Any], field: str, default: int | None = None) -> int:
-        """A member that is an integer of at least 0."""
-        value = holder.get(field, default)
-        if type(value) is not int or value < 0:
-            raise self.source.corrupt(f"expected a number of at least 0, got {str(value)[:40]!r}", field=field)
-        return value
-
     def entry(self, field: str, index: object) -> dict[str, Any]:
         """An object of one of the document's arrays, by its index."""
-        entries = self.array(self.document, field)
+        entries = self.source.array(self.document, field)
         if type(index) is not int or not 0 <= index < len(entries) or not isinstance(entries[index], dict):
             raise self.source.corrupt(f"there is no object {str(index)[:40]}", field=field)
         entry: dict[str, Any] = entries[index]
@@ -141,7 +119,7 @@ class Asset:
             (count, width), float32 of floats, else float64.
         """
         accessor = self.entry("accessors", index)
-        component, count = self.natural(accessor, "componentType"), self.natural(accessor, "count")
+        component, count = self.source.natural(accessor, "componentType"), self.source.natural(accessor, "count")
         if accessor.get("type") != kind or component not in allowed:
             raise self.source.corrupt(f"{accessor.get('type')!r} of component type {component}", field=name)
         if "sparse" in accessor or "bufferView" not in accessor:
@@ -157,18 +135,18 @@ class Asset:
     def view(self, index: object, name: str) -> bytes:
         """The bytes of a buffer view."""
         view = self.entry("bufferViews", index)
-        data = self._buffer(self.natural(view, "buffer"))
-        start, length = self.natural(view, "byteOffset", 0), self.natural(view, "byteLength")
+        data = self._buffer(self.source.natural(view, "buffer"))
+        start, length = self.source.natural(view, "byteOffset", 0), self.source.natural(view, "byteLength")
         if start + length > len(data):
             raise self.source.corrupt(f"a view of {length} bytes in a buffer of {len(data)}", field=name)
         return bytes(data[start : start + length])
 
     def _elements(self, accessor: dict[str, Any], element: np.dtype[Any], count: int, name: str) -> NDArray[Any]:
         view = self.entry("bufferViews", accessor["bufferView"])
-        data = self._buffer(self.natural(view, "buffer"))
-        start, length = self.natural(view, "byteOffset", 0), self.natural(view, "byteLength")
-        offset = self.natural(accessor, "byteOffset", 0)
-        stride = self.natural(view, "byteStride", element.itemsize)
+        data = self._buffer(self.source.natural(view, "buffer"))
+        start, length = self.source.natural(view, "byteOffset", 0), self.source.natural(view, "byteLength")
+        offset = self.source.natural(accessor, "byteOffset", 0)
+        stride = self.source.natural(view, "byteStride", element.itemsize)
         needed = offset + (count - 1) * stride + element.itemsize
         if not count or stride < element.itemsize or needed > length or start + length > len(data):
             message = f"{count} elements, {stride} bytes apart, do not fit a view of {length} bytes"
@@ -184,7 +162,7 @@ class Asset:
 
     def _read_buffer(self, index: int) -> bytes | memoryview:
         buffer = self.entry("buffers", index)
-        length, uri = self.natural(buffer, "byteLength"), buffer.get("uri")
+        length, uri = self.source.natural(buffer, "byteLength"), buffer.get("uri")
         data: bytes | memoryview | None
         if uri is None:
             data = self._binary if index == 0 else None
@@ -199,13 +177,10 @@ class Asset:
 
     def _beside(self, uri: object) -> bytes:
         """A buffer in a file below the directory of the asset, which is read once however many buffers name it."""
-        path = self.source.beside(unquote(uri) if isinstance(uri, str) else uri, "buffers.uri")
-        if self.source.path is None:
-            message = f"{self.source.name}: its buffers are in files beside it; give its path, or write a .glb"
-            raise Unsupported("input-gltf", message, field="buffers.uri")
-        if path not in self._files:
-            self._files[path] = Source(self.source.path.parent / path).read()
-        return self._files[path]
+        file = self.source.file_beside(unquote(uri) if isinstance(uri, str) else uri, "buffers.uri")
+        if file.name not in self._files:
+            self._files[file.name] = file.read()
+        return self._files[file.name]
 
 
 def _glb_chunks(source: Source) -> tuple[memoryview, memoryview | None]:
@@ -259,20 +234,20 @@ def placed_meshes(asset: Asset) -> Iterator[tuple[int, F64]]:
         seen.add(index)
         matrix = above @ _local(asset, node)
         if "mesh" in node:
-            yield asset.natural(node, "mesh"), matrix
-        waiting.extend((child, matrix) for child in reversed(asset.array(node, "children")))
+            yield asset.source.natural(node, "mesh"), matrix
+        waiting.extend((child, matrix) for child in reversed(asset.source.array(node, "children")))
 
 
 def _roots(asset: Asset) -> list[Any]:
     """Nodes of the default scene; of an asset without scenes, all that are no children."""
-    if asset.array(asset.document, "scenes"):
-        return asset.array(asset.entry("scenes", asset.document.get("scene", 0)), "nodes")
-    nodes = asset.array(asset.document, "nodes")
+    if asset.source.array(asset.document, "scenes"):
+        return asset.source.array(asset.entry("scenes", asset.document.get("scene", 0)), "nodes")
+    nodes = asset.source.array(asset.document, "nodes")
     children = {
         child
         for node in nodes
         if isinstance(node, dict)
-        for child in asset.array(node, "children")
+        for child in asset.source.array(node, "children")
         if type(child) is int
     }
     return [index for index in range(len(nodes)) if index not in children]
@@ -318,12 +293,6 @@ _UNDERSTOOD = frozenset({EXTENSION, "KHR_mesh_quantization", "KHR_materials_unli
 _POSITIONS = frozenset({FLOAT, BYTE, UBYTE, SHORT, USHORT})
 _ROTATIONS = frozenset({FLOAT, BYTE, SHORT})
 _UNSIGNED = frozenset({FLOAT, UBYTE, USHORT})
-_OPACITY_ENDS = {
-    FLOAT: FLOAT32_ENDS,
-    UBYTE: (0.5 / 255, 0.5 / 255),
-    USHORT: (0.5 / 65535, 0.5 / 65535),
-}
-"""Half the steps of opacity next to 0 and to 1."""
 
 
 @dataclass(frozen=True)
@@ -352,7 +321,7 @@ def load(source: Source) -> GaussianScene:
         LimitExceeded: more JSON, or more Gaussians, than any scene has.
     """
     asset = Asset(source)
-    required = [str(name)[:80] for name in asset.array(asset.document, "extensionsRequired")]
+    required = [str(name)[:80] for name in asset.source.array(asset.document, "extensionsRequired")]
     unknown = sorted(set(required) - _UNDERSTOOD)
     if unknown:
         message = f"{source.name}: it requires {', '.join(unknown)}; export the scene without"
@@ -388,7 +357,7 @@ def describe(source: Source) -> Description:
 
 def _coordinate_reference(asset: Asset, turned: bool) -> dict[str, Any]:
     """The member of `asset.extras` that our writer makes, as METADATA has it (SPEC §7.10), or nothing."""
-    extras = asset.member(asset.document, "asset").get("extras")
+    extras = asset.source.member(asset.document, "asset").get("extras")
     if not isinstance(extras, dict) or _REFERENCE not in extras:
         return {}
     said = {_REFERENCE: extras[_REFERENCE]}
@@ -405,7 +374,7 @@ def _coordinate_reference(asset: Asset, turned: bool) -> dict[str, Any]:
 
 
 def _terms(asset: Asset, primitive: dict[str, Any]) -> dict[str, Any]:
-    return asset.member(asset.member(primitive, "extensions"), EXTENSION)
+    return asset.source.member(asset.source.member(primitive, "extensions"), EXTENSION)
 
 
 def _spz_file(asset: Asset, primitive: dict[str, Any]) -> Source | None:
@@ -414,7 +383,7 @@ def _spz_file(asset: Asset, primitive: dict[str, Any]) -> Source | None:
     Raises:
         Unsupported: ``input-gltf``: it is compressed otherwise.
     """
-    extensions = asset.member(_terms(asset, primitive), "extensions")
+    extensions = asset.source.member(_terms(asset, primitive), "extensions")
     for name, extension in extensions.items():
         if name not in _COMPRESSIONS or not isinstance(extension, dict):
             message = f"{asset.source.name}: Gaussians with the extension {name[:80]}; export the scene without"
@@ -428,10 +397,10 @@ def _placed_gaussians(asset: Asset) -> list[_Placed]:
     found: list[_Placed] = []
     others = total = 0
     for mesh, matrix in placed_meshes(asset):
-        for primitive in asset.array(asset.entry("meshes", mesh), "primitives"):
+        for primitive in asset.source.array(asset.entry("meshes", mesh), "primitives"):
             if not isinstance(primitive, dict):
                 raise asset.source.corrupt("a primitive is not an object", field="meshes.primitives")
-            if EXTENSION not in asset.member(primitive, "extensions"):
+            if EXTENSION not in asset.source.member(primitive, "extensions"):
                 others += 1
                 continue
             count = _declared(asset, primitive)
@@ -451,16 +420,16 @@ def _placed_gaussians(asset: Asset) -> list[_Placed]:
 
 def _declared(asset: Asset, primitive: dict[str, Any]) -> int:
     """Gaussians that the attributes of a primitive declare; compressed ones need not have any."""
-    attributes = asset.member(primitive, "attributes")
-    if POSITION not in attributes and asset.member(_terms(asset, primitive), "extensions"):
+    attributes = asset.source.member(primitive, "attributes")
+    if POSITION not in attributes and asset.source.member(_terms(asset, primitive), "extensions"):
         return 0
-    return asset.natural(asset.entry("accessors", attributes.get(POSITION)), "count")
+    return asset.source.natural(asset.entry("accessors", attributes.get(POSITION)), "count")
 
 
 def _buffer_bytes(asset: Asset) -> int:
     """Bytes of all buffers, of those with one address only once."""
-    buffers = [buffer for buffer in asset.array(asset.document, "buffers") if isinstance(buffer, dict)]
-    return sum({str(buffer.get("uri")): asset.natural(buffer, "byteLength") for buffer in buffers}.values())
+    buffers = [buffer for buffer in asset.source.array(asset.document, "buffers") if isinstance(buffer, dict)]
+    return sum({str(buffer.get("uri")): asset.source.natural(buffer, "byteLength") for buffer in buffers}.values())
 
 
 def _gaussians(asset: Asset, primitive: dict[str, Any]) -> GaussianScene:
@@ -469,7 +438,7 @@ def _gaussians(asset: Asset, primitive: dict[str, Any]) -> GaussianScene:
     _check_terms(asset, primitive, compressed=file is not None)
     if file is not None:
         return _unpack(asset, primitive, file)
-    attributes = asset.member(primitive, "attributes")
+    attributes = asset.source.member(primitive, "attributes")
 
     def read(name: str, kind: str, allowed: frozenset[int]) -> NDArray[Any]:
         if name not in attributes:
@@ -492,7 +461,7 @@ def _gaussians(asset: Asset, primitive: dict[str, Any]) -> GaussianScene:
         positions.astype(np.float64),
         log_scale(scales),
         rotations[:, [3, 0, 1, 2]].astype(np.float32),
-        logit_of_opacity(opacity[:, 0], _OPACITY_ENDS[asset.entry("accessors", attributes[OPACITY])["componentType"]]),
+        logit_of_opacity(opacity[:, 0], COMPONENTS[asset.entry("accessors", attributes[OPACITY])["componentType"]][1:]),
         np.stack(coefficients, axis=1).astype(np.float32, copy=False),
     )
 

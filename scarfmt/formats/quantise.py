@@ -104,8 +104,13 @@ def sh_from_channel_major(rest: NDArray[np.generic]) -> F32:
 _HALF_TINIEST = 2.0**-150
 """Half the least number of float32 above 0. It stands for a scale of 0, which has no logarithm."""
 
-FLOAT32_ENDS = (_HALF_TINIEST, 2.0**-25)
-"""Half the steps of float32 next to 0 and to 1."""
+_OPACITY_ENDS = {
+    "f4": (_HALF_TINIEST, 2.0**-25),
+    "f2": (2.0**-25, 2.0**-12),
+    "u2": (0.5 / 65535, 0.5 / 65535),
+    "u1": (0.5 / 255, 0.5 / 255),
+}
+"""Half the steps of opacity next to 0 and to 1."""
 
 
 def log_scale(scales: NDArray[np.floating]) -> F32:
@@ -113,12 +118,13 @@ def log_scale(scales: NDArray[np.floating]) -> F32:
     return np.log(np.maximum(scales.astype(np.float64), _HALF_TINIEST)).astype(np.float32)
 
 
-def logit_of_opacity(opacity: NDArray[np.floating], ends: tuple[float, float]) -> F32:
+def logit_of_opacity(opacity: NDArray[np.floating], stored: str) -> F32:
     """(N,) logits of (N,) opacities 0..1.
 
     Args:
         opacity: 0 and 1, which have no logits, are read as half a step more and less.
-        ends: half the steps next to 0 and to 1.
+        stored: NumPy's name of the type that they are stored in: f4, f2, u2 or u1.
     """
-    values = np.clip(opacity.astype(np.float64), ends[0], 1 - ends[1])
+    low, high = _OPACITY_ENDS[stored]
+    values = np.clip(opacity.astype(np.float64), low, 1 - high)
     return (np.log(values) - np.log1p(-values)).astype(np.float32)

@@ -111,6 +111,27 @@ class Source:
             raise self.corrupt("the JSON is not an object", field=field)
         return document
 
+    def member(self, holder: dict[str, Any], field: str) -> dict[str, Any]:
+        """A member of an object of this input's JSON that is an object; empty where there is none."""
+        value = holder.get(field, {})
+        if not isinstance(value, dict):
+            raise self.corrupt("expected a JSON object", field=field)
+        return value
+
+    def array(self, holder: dict[str, Any], field: str) -> list[Any]:
+        """A member that is an array; empty where there is none."""
+        value = holder.get(field, [])
+        if not isinstance(value, list):
+            raise self.corrupt("expected a JSON array", field=field)
+        return value
+
+    def natural(self, holder: dict[str, Any], field: str, default: int | None = None) -> int:
+        """A member that is an integer of at least 0."""
+        value = holder.get(field, default)
+        if type(value) is not int or value < 0:
+            raise self.corrupt(f"expected a number of at least 0, got {str(value)[:40]!r}", field=field)
+        return value
+
     def beside(self, name: object, field: str) -> PurePosixPath:
         """The relative path of a file below the folder of this one, which the content names.
 
@@ -125,6 +146,18 @@ class Source:
         if not path.name or path.is_absolute() or ".." in path.parts or {"\\", ":"} & set(str(path)):
             raise self.corrupt(f"{str(name)[:80]!r} is no relative path of a file", field=field)
         return path
+
+    def file_beside(self, name: object, field: str) -> Source:
+        """A file below the folder of this one, which the content names, as :meth:`beside` has it.
+
+        Raises:
+            InvalidInput: ``input-corrupt``; ``input-incomplete``: this was read from memory, and has no folder.
+        """
+        path = self.beside(name, field)
+        if self.path is None:
+            message = f"{self.name}: read from memory or an archive, it has no {path} beside it; give its path"
+            raise InvalidInput("input-incomplete", message, field=field)
+        return Source(self.path.parent / path)
 
     def open(self) -> BinaryIO:
         """A real binary file, so that it can be memory mapped; bytes are spilled to a temporary one."""

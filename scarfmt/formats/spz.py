@@ -88,7 +88,7 @@ def load(source: Source, *, frame: Literal["RDF", "RUB"] = "RDF") -> GaussianSce
     header, streams, extensions, tree = (_read_gzip if gzipped else _read_v4)(source)
     version, count, degree, fraction_bits = header
     if degree > MAX_SH_DEGREE:
-        _warn(source, "spherical harmonics of degree 4 are left out: scenes here have degree 3")
+        warn(source, "spherical harmonics of degree 4 are left out: scenes here have degree 3")
     rest = streams[5].reshape(count, (degree + 1) ** 2 - 1, 3)[:, :_MOST_COEFFICIENTS]
     scene = GaussianScene(
         _positions(streams[0].reshape(count, 6 if version == 1 else 9), version, fraction_bits),
@@ -98,22 +98,35 @@ def load(source: Source, *, frame: Literal["RDF", "RUB"] = "RDF") -> GaussianSce
         _harmonics(streams[2].reshape(count, 1, 3), rest),
     )
     if tree is not None:
-        scene = _leaves(source, scene, tree)
+        scene = leaves(source, scene, np.frombuffer(tree, "<u2", len(scene)))
     scene = _to_rub(source, scene, extensions)
     return flip_axes(scene, RUB_TO_RDF) if frame == "RDF" else scene
 
 
-def _leaves(source: Source, scene: GaussianScene, tree: bytes) -> GaussianScene:
-    """The Gaussians of a tree without children."""
-    leaves = np.frombuffer(tree, "<u2", len(scene)) == 0
-    if not leaves.any():
+def leaves(source: Source, scene: GaussianScene, children: NDArray[np.integer]) -> GaussianScene:
+    """The finest level of Spark's tree of levels of detail.
+
+    Args:
+        source: for messages.
+        scene: all nodes of the tree.
+        children: (N,) numbers of their children.
+
+    Raises:
+        InvalidInput: ``input-corrupt``: every node has some.
+
+    Warns:
+        InputWarning: how many nodes are left out.
+    """
+    finest = children == 0
+    if not finest.any():
         raise source.corrupt("every node of the tree has children")
-    inner = len(scene) - int(np.count_nonzero(leaves))
-    _warn(source, f"{inner:,} of {len(scene):,} Gaussians are coarser levels of Spark's tree, and left out")
-    return scene.take(leaves)
+    inner = len(scene) - int(np.count_nonzero(finest))
+    warn(source, f"{inner:,} of {len(scene):,} Gaussians are coarser levels of Spark's tree, and left out")
+    return scene.take(finest)
 
 
-def _warn(source: Source, message: str) -> None:
+def warn(source: Source, message: str) -> None:
+    """Tell of something in an input that does not stop its import."""
     warnings.warn(f"{source.name}: {message}", InputWarning, stacklevel=4)
 
 

@@ -23,7 +23,7 @@ from scarfmt.blocks.metadata import check_registered
 from scarfmt.errors import InputWarning, InvalidInput, Malformed, Unsupported, missing_package
 from scarfmt.formats.frame import RUB_TO_RDF, Signs, flip_axes, signs_to
 from scarfmt.formats.output import CoarseSteps, Described, Losses, Parts, Says, Written, finite
-from scarfmt.formats.quantise import FLOAT32_ENDS, log_scale, logit_of_opacity, opacities, unit_quaternions
+from scarfmt.formats.quantise import log_scale, logit_of_opacity, opacities, unit_quaternions
 from scarfmt.formats.source import Source, is_zip, member_names
 from scarfmt.scene.description import USUAL_UP, Description
 from scarfmt.scene.gaussians import GaussianScene, concatenate
@@ -35,8 +35,6 @@ _DEGREE = "radiance:sphericalHarmonicsDegree"
 _REFERENCE = "coordinate_reference"
 _ENDINGS = (".usd", ".usda", ".usdc", ".usdz")
 _MOST_DEGREE = 3
-_HALF_ENDS = (2.0**-25, 2.0**-12)
-"""Half the steps of float16 next to 0 and to 1."""
 
 
 def sniff(source: Source) -> bool:
@@ -152,7 +150,7 @@ def _read_prim(source: Source, prim: Any) -> GaussianScene:
         positions.astype(np.float64),
         log_scale(scales),
         rotations[:, [3, 0, 1, 2]].astype(np.float32),
-        logit_of_opacity(opacity, _HALF_ENDS if half else FLOAT32_ENDS),
+        logit_of_opacity(opacity, "f2" if half else "f4"),
         sh,
     )
     try:
