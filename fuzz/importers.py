@@ -32,6 +32,7 @@ from reference_encoder import kept_values
 from scarfmt.entropy.symbol_tables import SymbolTable
 from scarfmt.errors import InvalidInput, ScarError
 from scarfmt.formats import load
+from tests.formats import rad_files
 from tests.formats.scene_files import EXAMPLES, anchor_arrays, glb, gltf, gltf_document, npy, sog_files, zipped
 
 Files = dict[str, bytes]
@@ -254,6 +255,21 @@ def _spz(dice: Random) -> Callable[[], object]:
     return partial(load, gzip.compress(change_bytes(gzip.decompress(data), dice), 1), format="spz")
 
 
+def _rad(dice: Random) -> Callable[[], object]:
+    """The JSON of the head, or of a chunk."""
+    if dice.random() < 0.4:
+        return partial(load, _changed_head(EXAMPLES["rad"], dice), format="rad")
+    properties = rad_files.plain(3, child_count=rad_files.entry("child_count", "u16", b"\2\0\0\0\0\0"))
+    data = _changed_head(rad_files.chunk(0, 3, properties), dice)
+    return partial(load, rad_files.file([data], count=3), format="rad")
+
+
+def _changed_head(data: bytes, dice: Random) -> bytes:
+    end = 8 + int.from_bytes(data[4:8], "little")
+    text = change_json(data[8:end], dice)
+    return data[:4] + struct.pack("<I", len(text)) + text + bytes(-len(text) % 8) + data[end + -end % 8 :]
+
+
 def _bytes(dice: Random) -> Callable[[], object]:
     name = dice.choice(list(EXAMPLES))
     data = change_bytes(EXAMPLES[name], dice)
@@ -284,7 +300,7 @@ def _unpack(data: bytes) -> None:
         raise InvalidInput("work-damaged", str(error)) from error
 
 
-_KINDS = (_checkpoint, _sog, _streamed, _gltf, _npz, _archive, _spz, _bytes, _ply, _work)
+_KINDS = (_checkpoint, _sog, _streamed, _gltf, _npz, _archive, _spz, _rad, _bytes, _ply, _work)
 FORMATS = {made.__name__[1:]: made for made in _KINDS}
 """A mutant of each kind, by its name: what reads it."""
 

@@ -177,8 +177,8 @@ def encode(
 ) -> Report:
     """Compress the scene INPUT into the .scar file OUTPUT, or each INPUT into a file of DIR. - is stdin or stdout.
 
-    INPUT is a 3DGS or compressed PLY, SPZ, glTF (.glb, .gltf), SOG, .splat, .ksplat, or an anchor model (.npz, or a
-    folder of Scaffold-GS). Parts that are rarely visible get fewer bytes. --cameras or --frame say from where the
+    INPUT is a 3DGS or compressed PLY, SPZ, glTF (.glb, .gltf), SOG, .splat, .ksplat, .rad, or an anchor model (.npz, or
+    a folder of Scaffold-GS). Parts that are rarely visible get fewer bytes. --cameras or --frame say from where the
     scene will be seen.
 
     \b

@@ -23,6 +23,7 @@ FORMAT_IDS = (
     "gltf",
     "usd",
     "anchor-npz",
+    "rad",
     "ksplat",
     "splat",
 )

@@ -68,6 +68,7 @@ FORMATS = (
     Format("gltf", "glTF 2.0 with KHR_gaussian_splatting", (".glb", ".gltf"), "gltf"),
     Format("usd", "USD with ParticleField3DGaussianSplat", (".usd", ".usda", ".usdc", ".usdz"), "usd"),
     Format("anchor-npz", "Scaffold-GS style anchor model", (".npz",), "anchor_npz"),
+    Format("rad", "Spark .rad 1, the leaves of its tree", (".rad",), "rad"),
     Format("ksplat", "GaussianSplats3D .ksplat", (".ksplat",), "ksplat"),
     Format("splat", "antimatter15 .splat", (".splat",), "splat"),
 )

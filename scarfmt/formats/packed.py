@@ -10,11 +10,11 @@ from scarfmt.errors import InvalidInput, LimitExceeded
 from scarfmt.formats.source import BYTES_PER_BYTE, FREE_BYTES, Source, is_zip, member_names, open_archive
 
 _GZIP = b"\x1f\x8b"
-_SCENES = (".ply", ".spz", ".splat", ".ksplat", ".sog", ".glb")
+_SCENES = (".ply", ".spz", ".splat", ".ksplat", ".sog", ".glb", ".rad")
 _PAGE = "a web page or XML; download the file itself"
 _KINDS = (
     (SIGNATURE, "a .scar file; use 'scarfmt decode'"),
-    (b"RAD0", "Spark's .rad, which is not read; give the file it was made from"),
+    (b"RADC", "a chunk of Spark's .rad; give the .rad beside it"),
     (b"7z\xbc\xaf", "a 7z archive; unpack it"),
     (b"Rar!", "a RAR archive; unpack it"),
     (b"version https://git-lfs", "a pointer of Git LFS; run 'git lfs pull'"),

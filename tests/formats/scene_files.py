@@ -20,6 +20,7 @@ from PIL import Image
 
 from scarfmt.formats import load
 from scarfmt.scene.gaussians import GaussianScene
+from tests.formats import rad_files
 
 HALF_SQRT = np.sqrt(0.5)
 
@@ -323,6 +324,7 @@ EXAMPLES: dict[str, bytes] = {
     "sog": zipped(sog_files()),
     "anchor-npz": anchor_npz(),
     "ksplat": ksplat(),
+    "rad": rad_files.small(),
     "splat": splat(),
     "gltf glb": glb(*gltf_document()),
     "gltf json": gltf(*gltf_document(2, 0)),

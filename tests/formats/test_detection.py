@@ -71,7 +71,7 @@ def test_unknown_content_is_refused_with_the_list_of_formats(given: bytes) -> No
         (b"", "an empty file"),
         (b"<!DOCTYPE html><html>", "a web page"),
         (b"version https://git-lfs.github.com/spec/v1\n", "git lfs pull"),
-        (b"RAD0\0\0\0\0", ".rad"),
+        (b"RADC\0\0\0\0", "the .rad beside it"),
         (zipped({"archive/data.pkl": b""}), "checkpoint of PyTorch"),
         (zipped({"readme.txt": b"hello"}), "no scene in it: readme.txt"),
         (zipped({"a.ply": b"", "b.ply": b""}), "2 scenes, a.ply, b.ply"),
@@ -100,8 +100,8 @@ def test_an_archive_that_unpacks_to_far_more_than_a_scene_is_refused(monkeypatch
 
 
 def test_unknown_format_id_is_refused_with_the_list_of_formats() -> None:
-    with pytest.raises(InvalidInput, match=r"rad.*compressed-ply.*spz") as caught:
-        load(b"", format="rad")
+    with pytest.raises(InvalidInput, match=r"dar.*compressed-ply.*spz") as caught:
+        load(b"", format="dar")
     assert caught.value.refusal == "input-format"
 
 

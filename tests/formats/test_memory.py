@@ -13,6 +13,7 @@ import pytest
 import zstandard
 
 from scarfmt.formats.source import FREE_NUMBERS
+from tests.formats.rad_files import chunk, entry, file, plain
 from tests.formats.scene_files import anchor_arrays, npy, sog_files, zipped
 
 ROOM = 350 << 20
@@ -71,6 +72,10 @@ BOMBS: dict[str, tuple[Callable[[], bytes], str]] = {
         "input-limit",
     ),
     "a million Gaussians in a .sog of 2 kB": (lambda: _sog(count=1_000_000), "input-corrupt"),
+    "200 MiB where a .rad needs one byte": (
+        lambda: file([chunk(0, 1, plain(1, alpha=entry("alpha", "r8", bytes(200 << 20), 0, 1)))], count=1),
+        "input-corrupt",
+    ),
     "what any file may declare": (lambda: _spz(FREE), f"accepted {FREE}"),
 }
 
