@@ -10,8 +10,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
 from scarfmt.container.registries import ColourSpace, RenderModel
 from scarfmt.errors import InputWarning, ScarError
@@ -226,34 +224,6 @@ def test_values_outside_their_range_are_refused(attribute: str, value: float) ->
     with pytest.raises(ScarError) as caught:
         load(glb(document, data[:at] + np.float32(value).tobytes() + data[at + 4 :]))
     assert (caught.value.refusal, caught.value.field) == ("input-corrupt", NAME(attribute))
-
-
-VALUES = st.one_of(
-    st.none(), st.booleans(), st.integers(-2, 2**70), st.floats(), st.text(max_size=3), st.just([]), st.just({}),
-    st.lists(st.integers(0, 3), max_size=4),
-)  # fmt: skip
-
-
-@settings(max_examples=300, deadline=None)
-@given(st.data())
-@pytest.mark.filterwarnings("ignore::scarfmt.errors.InputWarning")
-def test_any_member_of_the_document_may_be_anything(data: st.DataObject) -> None:
-    """A scene, or a ScarError."""
-    document, buffer = gltf_document()
-    holder: Any = document
-    while True:
-        keys = sorted(holder) if isinstance(holder, dict) else range(len(holder))
-        if not keys:
-            break
-        key = data.draw(st.sampled_from(list(keys)))
-        if not isinstance(holder[key], dict | list) or data.draw(st.integers(0, 4)) == 0:
-            holder[key] = data.draw(VALUES)
-            break
-        holder = holder[key]
-    try:
-        load(glb(document, buffer), format="gltf")
-    except ScarError:
-        return
 
 
 def compressed(file: bytes, name: str = "KHR_gaussian_splatting_compression_spz_2", count: int = 7) -> bytes:

@@ -8,10 +8,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, settings
-from hypothesis import strategies as st
 
-from scarfmt.errors import InvalidInput, ScarError, Unsupported
+from scarfmt.errors import InvalidInput, Unsupported
 from scarfmt.formats import detect, load
 from scarfmt.formats.source import Source
 from tests.formats.scene_files import read_scene, sog_files, zipped
@@ -135,20 +133,3 @@ def test_an_index_that_does_not_fit_is_refused(tmp_path: Path, changes: dict[str
 def test_an_index_without_its_folders_asks_for_them() -> None:
     with pytest.raises(InvalidInput, match="input-incomplete"):
         load(json.dumps(index()).encode())
-
-
-@settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
-@given(st.data())
-def test_any_damage_to_the_index_is_read_or_refused(tmp_path: Path, data: st.DataObject) -> None:
-    path = tmp_path / "lod-meta.json"
-    if not path.exists():
-        streamed(tmp_path)
-    content = bytearray(json.dumps(index()).encode())
-    for _ in range(data.draw(st.integers(1, 4))):
-        content[data.draw(st.integers(0, len(content) - 1))] = data.draw(st.integers(0, 255))
-    path.write_bytes(content)
-    try:
-        load(path, format="streamed-sog")
-    except ScarError as error:
-        refusal = error.refusal
-        assert refusal.startswith("input-")

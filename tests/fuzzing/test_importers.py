@@ -7,10 +7,12 @@ from random import Random
 
 from fuzz.importers import FORMATS, examine
 
+MUTANTS = 3000
+
 
 def test_every_kind_of_mutant_is_read_or_refused() -> None:
     """And some of each kind are refused: what is changed matters."""
-    outcomes = Counter(examine(5, number).outcome for number in range(250))
+    outcomes = Counter(examine(5, number).outcome for number in range(MUTANTS))
     refused = {outcome.split()[0] for outcome in outcomes if not outcome.endswith(" read")}
     assert refused == set(FORMATS)
 
