@@ -35,7 +35,7 @@ from benchmarks.views import View
 from scarfmt.cli.scenes import Subject, load_subject
 from scarfmt.formats import inria_ply, load
 from scarfmt.formats.clean import clean
-from scarfmt.formats.inria_ply import write_inria_ply
+from scarfmt.formats.inria_ply import ply_header, ply_rows
 from scarfmt.formats.source import Source
 from scarfmt.scene.gaussians import GaussianScene
 
@@ -103,7 +103,7 @@ def source_ply(scene: Scene, gaussians: GaussianScene) -> Path:
     path = CACHE / "files" / f"{_stem(scene.name)}-{file_key(scene.path)[:12]}.ply"
     if not path.exists():
         path.parent.mkdir(parents=True, exist_ok=True)
-        write_inria_ply(gaussians, path)
+        path.write_bytes(ply_header(len(gaussians), gaussians.sh.shape[1] - 1) + ply_rows(gaussians).tobytes())
     return path
 
 

@@ -17,7 +17,7 @@ from benchmarks.scenes import Scene
 from scarfmt.atomic import atomic_write
 from scarfmt.formats import load
 from scarfmt.formats.clean import clean
-from scarfmt.formats.inria_ply import ply_header, ply_rows, property_names
+from scarfmt.formats.inria_ply import ply_header, ply_rows
 from scarfmt.render.camera import core, upward_axes
 from scarfmt.scene.gaussians import GaussianScene
 
@@ -42,7 +42,7 @@ def write_copies(source: Scene, count: int, path: Path, seed: int = 0) -> None:
     columns = int(np.ceil(np.sqrt(-(-count // len(scene)))))
     with atomic_write(path) as stream:
         comments = [f"copies of {source.name}, moved, jittered and recoloured"]
-        stream.write(ply_header(count, property_names(scene.sh.shape[1] - 1), comments))
+        stream.write(ply_header(count, scene.sh.shape[1] - 1, comments))
         for number in range(-(-count // len(scene))):
             made = copy_of(scene, number, seed)
             place = step * ((number % columns) * axes[0] + (number // columns) * axes[1])

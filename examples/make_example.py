@@ -14,9 +14,9 @@ from pathlib import Path
 
 import numpy as np
 
+from scarfmt.api import save
 from scarfmt.arrays import F64
 from scarfmt.formats import load
-from scarfmt.formats.inria_ply import write_inria_ply
 from scarfmt.render.camera import Camera, look_at
 from scarfmt.render.capture import load_cameras
 from scarfmt.scene.gaussians import GaussianScene
@@ -72,7 +72,7 @@ def main() -> None:
     if not isinstance(scene, GaussianScene):
         parser.error(f"{arguments.scene} holds anchors, not Gaussians")
     toys = crop(scene)
-    write_inria_ply(toys, FOLDER / f"{NAME}.ply", force=True)
+    save(toys, FOLDER / f"{NAME}.ply", force=True)
     cameras = views(load_cameras(arguments.cameras))
     write_cameras(FOLDER / f"{NAME}.cameras.json", cameras[0::2])
     write_cameras(FOLDER / f"{NAME}.views.json", cameras[1::2])

@@ -23,9 +23,9 @@ from reference_encoder.encode import encode
 from reference_encoder.options import EncodeOptions
 from release.first_hour import INSTALL, PYTHON, script_of
 from scarfmt.formats import load
-from scarfmt.formats.inria_ply import write_inria_ply
 from scarfmt.scene.gaussians import GaussianScene
 from tests.conftest import REPOSITORY
+from tests.formats.scene_files import scene_ply
 
 FOLDERS = (".", "docs", "examples", "conformance", "web", "fuzz")
 PAGES = [page for folder in FOLDERS for page in sorted((REPOSITORY / folder).glob("*.md"))]
@@ -123,8 +123,7 @@ def few_gaussians() -> GaussianScene:
 def scenes(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A folder with `scene.ply`, and with `scene.scar` made of it."""
     folder = tmp_path_factory.mktemp("scenes")
-    with (folder / "scene.ply").open("wb") as target:
-        write_inria_ply(few_gaussians(), target)
+    (folder / "scene.ply").write_bytes(scene_ply(few_gaussians()))
     (folder / "scene.scar").write_bytes(encode(few_gaussians(), EncodeOptions(effort=1, corrections=0, layers=3)))
     return folder
 
@@ -169,8 +168,7 @@ def test_commands_of_a_guide_run(name: str, environment: dict[str, str], tmp_pat
     folder = tmp_path / "work"
     folder.mkdir()
     shutil.copytree(REPOSITORY / "examples", folder / "examples")
-    with (folder / "examples" / "plush-toys.ply").open("wb") as target:
-        write_inria_ply(few_gaussians(), target)
+    (folder / "examples" / "plush-toys.ply").write_bytes(scene_ply(few_gaussians()))
     for program in PYTHON.findall(text):
         (folder / "mine.py").write_text(program, encoding="utf-8")
     done = subprocess.run(["sh", "-eu"], input=script, cwd=folder, env=environment, capture_output=True, text=True)

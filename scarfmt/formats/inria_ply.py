@@ -17,14 +17,11 @@ import math
 import warnings
 from collections.abc import Iterable
 from dataclasses import dataclass
-from os import PathLike
-from typing import BinaryIO
 
 import numpy as np
 from numpy.typing import NDArray
 
 from scarfmt.arrays import F32, F64
-from scarfmt.atomic import atomic_write
 from scarfmt.errors import InputWarning, InvalidInput
 from scarfmt.formats import ply
 from scarfmt.formats.quantise import dc_of_colour, opacities, sh_from_channel_major
@@ -179,46 +176,8 @@ def _with_third_axis(log_scales: F32) -> F32:
     return np.pad(log_scales, ((0, 0), (0, 1)), constant_values=np.float32(FLAT_LOG_SCALE))
 
 
-def write_inria_ply(
-    scene: GaussianScene,
-    destination: str | PathLike[str] | BinaryIO,
-    *,
-    comments: Iterable[str] = (),
-    force: bool = False,
-) -> None:
-    """Write INRIA's layout, binary_little_endian, all float: x y z nx ny nz f_dc f_rest opacity scale rot.
-
-    Values are as in the scene, bit for bit; positions are rounded to float32. Normals are zero, as INRIA writes them.
-
-    Args:
-        scene: any scene.
-        destination: a path, written whole or not at all, or an open binary file.
-        comments: header comment lines, ASCII, one line each.
-        force: overwrite an existing file.
-
-    Raises:
-        InvalidInput: the file exists and `force` is not set, or a comment cannot be written.
-    """
-    rows = ply_rows(scene)
-    header = ply_header(len(scene), property_names(scene.sh.shape[1] - 1), comments)
-    if isinstance(destination, str | PathLike):
-        with atomic_write(destination, force=force) as stream:
-            stream.write(header)
-            stream.write(rows.data)
-    else:
-        destination.write(header)
-        destination.write(rows.data)
-
-
-def property_names(rest: int) -> list[str]:
-    """INRIA's columns for `rest` coefficients a colour above degree 0."""
-    names = ["x", "y", "z", "nx", "ny", "nz", "f_dc_0", "f_dc_1", "f_dc_2"]
-    names += [f"f_rest_{i}" for i in range(3 * rest)]
-    return [*names, "opacity", "scale_0", "scale_1", "scale_2", "rot_0", "rot_1", "rot_2", "rot_3"]
-
-
 def ply_rows(scene: GaussianScene) -> F32:
-    """(N, properties) little-endian float32, in the order of the header."""
+    """(N, properties) float32 in the order of :func:`ply_header`, positions rounded, normals zero."""
     rest = 3 * (scene.sh.shape[1] - 1)
     table = np.zeros((len(scene), 17 + rest), "<f4")
     with np.errstate(over="ignore"):  # beyond float32: an infinity says more than a wrong finite number
@@ -232,8 +191,13 @@ def ply_rows(scene: GaussianScene) -> F32:
     return table
 
 
-def ply_header(count: int, names: list[str], comments: Iterable[str]) -> bytes:
-    """The header of `count` Gaussians with properties `names`.
+def ply_header(count: int, rest: int, comments: Iterable[str] = ()) -> bytes:
+    """The header of a file, binary_little_endian, all float, with normals, as INRIA's trainer writes it.
+
+    Args:
+        count: of Gaussians.
+        rest: coefficients of each colour above degree 0.
+        comments: printable ASCII, a line each.
 
     Raises:
         InvalidInput: ``output-comment``.
@@ -243,6 +207,7 @@ def ply_header(count: int, names: list[str], comments: Iterable[str]) -> bytes:
         if not comment.isascii() or not comment.isprintable():
             raise InvalidInput("output-comment", f"a PLY comment is one line of printable ASCII, got {comment!r}")
         lines.append(f"comment {comment}")
-    lines.append(f"element vertex {count}")
-    lines += [f"property float {name}" for name in names]
+    names = ["x", "y", "z", "nx", "ny", "nz", *_DC, *(f"f_rest_{i}" for i in range(3 * rest)), "opacity"]
+    names += [*(f"scale_{i}" for i in range(3)), *(f"rot_{i}" for i in range(4))]
+    lines += [f"element vertex {count}", *(f"property float {name}" for name in names)]
     return "\n".join([*lines, "end_header", ""]).encode("ascii")

@@ -14,7 +14,7 @@ import numpy as np
 
 from scarfmt.arrays import F32
 from scarfmt.errors import InvalidInput
-from scarfmt.formats.inria_ply import ply_header, ply_rows, property_names
+from scarfmt.formats.inria_ply import ply_header, ply_rows
 from scarfmt.formats.output import CoarseSteps, Described, Losses, Parts, Spool, Written, move_near_zero
 from scarfmt.formats.ply import PLY_SAYS, description_comments
 
@@ -80,7 +80,7 @@ def write_parts(
 
 
 def _ply(parts: Parts, described: Described, target: BinaryIO, _options: OutputOptions) -> Written:
-    names, count, steps = property_names((described.sh_degree + 1) ** 2 - 1), described.count, CoarseSteps()
+    rest, count, steps = (described.sh_degree + 1) ** 2 - 1, described.count, CoarseSteps()
     comments = [*described.comments, *description_comments(described.description, described.origin)]
 
     def tables() -> Iterator[F32]:
@@ -91,7 +91,7 @@ def _ply(parts: Parts, described: Described, target: BinaryIO, _options: OutputO
             yield ply_rows(part)
 
     if count is not None:
-        target.write(ply_header(count, names, comments))
+        target.write(ply_header(count, rest, comments))
         for table in tables():
             target.write(table.data)
     else:
@@ -100,7 +100,7 @@ def _ply(parts: Parts, described: Described, target: BinaryIO, _options: OutputO
             for table in tables():
                 spool.add("rows", table)
                 count += len(table)
-            target.write(ply_header(count, names, comments))
+            target.write(ply_header(count, rest, comments))
             spool.copy("rows", target)
     return Written(count, Losses().notes(described, count, "PLY", PLY_SAYS, steps))
 

@@ -12,8 +12,8 @@ from benchmarks import rivals
 from benchmarks.rivals_formats import read, spz_scale
 from benchmarks.rivals_kmeans import kmeans, nearest
 from benchmarks.rivals_tools import Command, ToolFailed, run_command
-from scarfmt.formats.inria_ply import write_inria_ply
 from scarfmt.scene.gaussians import GaussianScene
+from tests.formats.scene_files import scene_ply
 
 
 def make_scene(count: int = 200, degree: int = 3, size: float = 1.0) -> GaussianScene:
@@ -30,7 +30,7 @@ def make_scene(count: int = 200, degree: int = 3, size: float = 1.0) -> Gaussian
 
 def test_reading_undoes_the_scale(tmp_path: Path) -> None:
     source, ply = make_scene(size=32.0), tmp_path / "a.ply"
-    write_inria_ply(source, ply)
+    ply.write_bytes(scene_ply(source))
     assert np.array_equal(read(ply, 32).positions, source.positions / 32)
     assert np.abs(read(ply, 32).log_scales - (source.log_scales - np.log(32))).max() < 1e-5
 

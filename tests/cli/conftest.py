@@ -16,8 +16,8 @@ from fuzz.testing.scenes import random_scene
 from scarfmt.cli import cli
 from scarfmt.coding.writer import write_scene
 from scarfmt.container.schema import Profile
-from scarfmt.formats.inria_ply import write_inria_ply
 from scarfmt.scene.gaussians import GaussianScene
+from tests.formats.scene_files import scene_ply
 
 REPOSITORY = Path(__file__).resolve().parents[2]
 
@@ -90,7 +90,7 @@ def gaussians(count: int) -> GaussianScene:
 def ply(folder: Path) -> Path:
     """An uncompressed scene, SH degree 1."""
     path = folder / "scene.ply"
-    write_inria_ply(gaussians(300), path)
+    path.write_bytes(scene_ply(gaussians(300)))
     return path
 
 

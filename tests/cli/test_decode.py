@@ -19,11 +19,11 @@ from scarfmt.container.schema import Profile
 from scarfmt.container.source import HEAD_BYTES
 from scarfmt.counters import Counters
 from scarfmt.formats import load
-from scarfmt.formats.inria_ply import write_inria_ply
 from scarfmt.formats.outputs import OUTPUTS
 from scarfmt.render.native import binding
 from scarfmt.scene.gaussians import AnchorModel, GaussianScene
 from tests.cli.conftest import Run, Shell, gaussians
+from tests.formats.scene_files import scene_ply
 
 
 def test_a_ply_holds_what_the_decoder_gives(run: Run, encoded: Path, tmp_path: Path) -> None:
@@ -270,7 +270,7 @@ def test_what_a_format_cannot_hold_is_said(run: Run, tmp_path: Path) -> None:
     """On stderr, unless --quiet; the file is written."""
     scene = gaussians(5)
     scene.log_scales[2] = -30.0
-    write_inria_ply(scene, tmp_path / "a.ply")
+    (tmp_path / "a.ply").write_bytes(scene_ply(scene))
     said = run("convert", tmp_path / "a.ply", tmp_path / "a.spz")
     assert (said.exit_code, "1 of 5 Gaussians" in said.stderr) == (0, True)
     quiet = run("convert", tmp_path / "a.ply", tmp_path / "a.spz", "--quiet", "--force")
@@ -280,7 +280,7 @@ def test_what_a_format_cannot_hold_is_said(run: Run, tmp_path: Path) -> None:
 def test_convert_goes_between_formats_of_others(run: Run, shell: Shell, tmp_path: Path) -> None:
     """Conversions work through pipes, too, and floats come back as they were."""
     scene = gaussians(40)
-    write_inria_ply(scene, tmp_path / "a.ply")
+    (tmp_path / "a.ply").write_bytes(scene_ply(scene))
     assert run("convert", tmp_path / "a.ply", tmp_path / "a.glb").exit_code == 0
     done = shell("convert", "-", "-", "-q", cwd=tmp_path, input=(tmp_path / "a.glb").read_bytes())
     assert (done.returncode, done.stderr) == (0, b"")

@@ -15,11 +15,11 @@ from scarfmt.cli import load
 from scarfmt.cli.encode import FORMAT_IDS, parse_metadata
 from scarfmt.container.source import FileSource
 from scarfmt.formats import FORMATS
-from scarfmt.formats.inria_ply import write_inria_ply
 from scarfmt.limits import MAX_ANCHORS_PER_TILE
 from scarfmt.render.camera import look_at, orbit_cameras
 from scarfmt.tools.inspection import inspect
 from tests.cli.conftest import Run, Shell, gaussians
+from tests.formats.scene_files import scene_ply
 from tests.render.capture import files
 
 FAST = ("--effort", 1, "--layers", 1, "--quality", 25)
@@ -141,7 +141,7 @@ def test_metadata_that_json_cannot_say_stays_text() -> None:
 def test_invalid_rows_are_refused_or_dropped(run: Run, tmp_path: Path) -> None:
     scene = gaussians(50)
     scene.positions[7] = np.nan
-    write_inria_ply(scene, tmp_path / "bad.ply")
+    (tmp_path / "bad.ply").write_bytes(scene_ply(scene))
     refused = run("encode", tmp_path / "bad.ply", tmp_path / "a.scar", *FAST)
     assert refused.exit_code == 1
     assert "input-not-finite" in refused.stderr
@@ -163,7 +163,7 @@ def test_choices_are_those_of_the_encoder() -> None:
 
 def test_smaller_tiles_are_more_tiles(run: Run, tmp_path: Path) -> None:
     """--tile-size reaches the lattice: 3000 Gaussians are one tile unless asked otherwise."""
-    write_inria_ply(gaussians(3000), tmp_path / "many.ply")
+    (tmp_path / "many.ply").write_bytes(scene_ply(gaussians(3000)))
     tiles = {}
     for size in (1024, 65536):
         target = tmp_path / f"{size}.scar"
@@ -199,7 +199,7 @@ def test_what_a_ply_says_travels_through_the_file(run: Run, tmp_path: Path) -> N
     """Render model, up axis and a coordinate reference with its origin."""
     said = ["SplatRenderMode: mip", "Vertical Axis: z", "epsg 25832", "offsetx 500000.5", "offsety 0.0", "offsetz 0.0"]
     source, coded, back = (tmp_path / name for name in ("a.ply", "a.scar", "b.ply"))
-    write_inria_ply(gaussians(300), source, comments=said)
+    source.write_bytes(scene_ply(gaussians(300), said))
     assert run("encode", source, coded, *FAST, "--quiet").exit_code == 0
     assert json.loads(run("inspect", coded, "--json").stdout)["render_model"] == "antialiased"
     assert run("decode", coded, back, "--quiet").exit_code == 0

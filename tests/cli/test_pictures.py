@@ -11,13 +11,13 @@ import pytest
 from PIL import Image
 
 from scarfmt.formats import load
-from scarfmt.formats.inria_ply import write_inria_ply
 from scarfmt.render.camera import Camera, orbit_cameras
 from scarfmt.render.images import read_image, write_png
 from scarfmt.render.metrics import psnr
 from scarfmt.render.rasterise import render
 from scarfmt.scene.gaussians import GaussianScene
 from tests.cli.conftest import Run, gaussians
+from tests.formats.scene_files import scene_ply
 from tests.render.capture import files
 
 SMALL = ("--size", "64x48", "--views", 2, "--from", "survey")
@@ -53,8 +53,7 @@ def test_scenes_that_lie_apart_are_warned_of(run: Run, ply: Path, tmp_path: Path
     far = tmp_path / "far.ply"
     scene = load(ply)
     assert isinstance(scene, GaussianScene)
-    with far.open("wb") as file:
-        write_inria_ply(replace(scene, positions=scene.positions + 500.0), file)
+    far.write_bytes(scene_ply(replace(scene, positions=scene.positions + 500.0)))
     assert "lie apart" in run("compare", ply, far, *SMALL).stderr
     assert "lie apart" not in run("compare", ply, ply, *SMALL).stderr
 
@@ -111,7 +110,7 @@ def test_the_first_file_alone_places_the_cameras(run: Run, ply: Path, tmp_path: 
     """A second file whose Gaussians lie elsewhere is looked at from where the first is, by render --like too."""
     scene = gaussians(300)
     far = tmp_path / "far.ply"
-    write_inria_ply(replace(scene, positions=scene.positions + 1e4), far)
+    far.write_bytes(scene_ply(replace(scene, positions=scene.positions + 1e4)))
     for kind in ("survey", "near"):
         run("render", ply, tmp_path / "a", *SMALL[:4], "--from", kind, "--force")
         like = run("render", far, tmp_path / "b", *SMALL[:4], "--from", kind, "--like", ply, "--force")

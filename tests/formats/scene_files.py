@@ -9,6 +9,7 @@ import json
 import math
 import struct
 import zipfile
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +20,7 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from scarfmt.formats import load
+from scarfmt.formats.inria_ply import ply_header, ply_rows
 from scarfmt.scene.gaussians import GaussianScene
 from tests.formats import rad_files
 
@@ -70,6 +72,11 @@ def inria_ply(count: int = 5, rest: int = 45, *, kind: str = "float", form: str 
     names = inria_names(rest, scales)
     rows = np.arange(count)[:, None] + np.arange(len(names))[None, :] / 64
     return ply([(kind, name) for name in names], rows, form=form)
+
+
+def scene_ply(scene: GaussianScene, comments: Iterable[str] = ()) -> bytes:
+    """A scene as INRIA's PLY, bit for bit but for positions."""
+    return ply_header(len(scene), scene.sh.shape[1] - 1, comments) + ply_rows(scene).tobytes()
 
 
 def compressed_ply(count: int = 300, *, colour_bounds: bool = True, rest: int = 0, chunks: int | None = None) -> bytes:

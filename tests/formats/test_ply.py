@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import io
 import struct
 from functools import partial
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -17,10 +15,18 @@ from hypothesis.extra.numpy import arrays
 from scarfmt.container.registries import RenderModel
 from scarfmt.errors import InputWarning, InvalidInput, LimitExceeded
 from scarfmt.formats import load
-from scarfmt.formats.inria_ply import FLAT_LOG_SCALE, write_inria_ply
+from scarfmt.formats.inria_ply import FLAT_LOG_SCALE
 from scarfmt.scene.description import Description
 from scarfmt.scene.gaussians import GaussianScene
-from tests.formats.scene_files import compressed_ply, inria_names, inria_ply, ply, read_scene, unit_quaternions
+from tests.formats.scene_files import (
+    compressed_ply,
+    inria_names,
+    inria_ply,
+    ply,
+    read_scene,
+    scene_ply,
+    unit_quaternions,
+)
 from tests.samples.codec_samples import refuses
 
 
@@ -223,9 +229,7 @@ def small_scene() -> GaussianScene:
 @settings(deadline=None)
 @given(scenes())
 def test_import_of_export_is_the_same_bits(scene: GaussianScene) -> None:
-    out = io.BytesIO()
-    write_inria_ply(scene, out)
-    back = read_scene(out.getvalue())
+    back = read_scene(scene_ply(scene))
     assert back.positions.tobytes() == scene.positions.tobytes()
     for name in FIELDS:
         assert getattr(back, name).tobytes() == getattr(scene, name).tobytes(), name
@@ -234,9 +238,7 @@ def test_import_of_export_is_the_same_bits(scene: GaussianScene) -> None:
 
 def test_bytes_are_those_viewers_expect() -> None:
     """Header line by line, and the column order of INRIA's trainer: f_rest all of red first."""
-    out = io.BytesIO()
-    write_inria_ply(small_scene(), out, comments=["made by a test"])
-    head, body = out.getvalue().split(b"end_header\n")
+    head, body = scene_ply(small_scene(), ["made by a test"]).split(b"end_header\n")
     names = ["x", "y", "z", "nx", "ny", "nz", "f_dc_0", "f_dc_1", "f_dc_2", *(f"f_rest_{i}" for i in range(45))]
     names += ["opacity", "scale_0", "scale_1", "scale_2", "rot_0", "rot_1", "rot_2", "rot_3"]
     lines = ["ply", "format binary_little_endian 1.0", "comment made by a test", "element vertex 2"]
@@ -249,25 +251,14 @@ def test_bytes_are_those_viewers_expect() -> None:
 def test_position_beyond_float32_becomes_infinite_without_a_warning() -> None:
     scene = small_scene()
     scene.positions[0, 0] = 1e300
-    out = io.BytesIO()
     with np.errstate(all="raise"):
-        write_inria_ply(scene, out)
-    back = read_scene(out.getvalue())
-    assert back.positions[0, 0] == np.inf
+        data = scene_ply(scene)
+    assert read_scene(data).positions[0, 0] == np.inf
 
 
 @pytest.mark.parametrize("comment", ["two\nlines", "end\r", "caf\u00e9"])
 def test_comment_cannot_break_the_header(comment: str) -> None:
-    refuses("output-comment", lambda: write_inria_ply(small_scene(), io.BytesIO(), comments=[comment]))
-
-
-def test_path_is_not_overwritten_unless_forced(tmp_path: Path) -> None:
-    path = tmp_path / "scene.ply"
-    write_inria_ply(small_scene(), path)
-    refuses("output-exists", lambda: write_inria_ply(small_scene().take(np.array([0])), path))
-    assert len(load(path)) == 2
-    write_inria_ply(small_scene().take(np.array([0])), path, force=True)
-    assert len(load(path)) == 1
+    refuses("output-comment", lambda: scene_ply(small_scene(), [comment]))
 
 
 def test_a_degree_above_three_is_cut_with_a_word() -> None:

@@ -13,9 +13,9 @@ from reference_decoder.stream_gaussians import stream_gaussians
 from scarfmt.coding.writer import write_scene
 from scarfmt.container.source import BytesSource
 from scarfmt.errors import InvalidInput, Malformed
-from scarfmt.formats.inria_ply import write_inria_ply
 from scarfmt.formats.outputs import write_parts
 from scarfmt.scene.gaussians import GaussianScene
+from tests.formats.scene_files import scene_ply
 
 CORNERS = [-1.5, 0.25, 3.0], [-1.0, 0.75, 3.5]
 
@@ -30,11 +30,10 @@ def test_a_ply_of_parts_is_that_of_the_whole_scene(fields: dict[str, object], na
         request = DecodeRequest(native=native, **fields)  # type: ignore[arg-type]
         scene = decode_scene(data, request)
         assert isinstance(scene, GaussianScene)
-        whole, streamed = io.BytesIO(), io.BytesIO()
-        write_inria_ply(scene, whole)
+        streamed = io.BytesIO()
         described, parts = stream_gaussians(BytesSource(data), request)
         assert write_parts("ply", parts, described, streamed).count == len(scene)
-        assert streamed.getvalue() == whole.getvalue()
+        assert streamed.getvalue() == scene_ply(scene)
 
 
 def test_parts_are_read_as_they_are_taken() -> None:

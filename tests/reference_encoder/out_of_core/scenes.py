@@ -11,8 +11,8 @@ from reference_encoder.out_of_core.scan import bounds_of, count_chunk, counts_in
 from reference_encoder.out_of_core.source import find_inputs
 from reference_encoder.out_of_core.types import Bounds, Range
 from reference_encoder.out_of_core.work_dir import WorkDir
-from scarfmt.formats.inria_ply import write_inria_ply
 from scarfmt.scene.gaussians import GaussianScene
+from tests.formats.scene_files import scene_ply
 
 
 def clusters(count: int, seed: int = 0, degree: int = 1) -> GaussianScene:
@@ -31,7 +31,7 @@ def clusters(count: int, seed: int = 0, degree: int = 1) -> GaussianScene:
 
 def ply_of(scene: GaussianScene, folder: Path, name: str = "scene.ply") -> str:
     path = folder / name
-    write_inria_ply(scene, path)
+    path.write_bytes(scene_ply(scene))
     return str(path)
 
 

@@ -12,7 +12,6 @@ from reference_encoder.out_of_core.bins import bin_chunk, load_range, write_inde
 from reference_encoder.out_of_core.scan import bounds_of, count_chunk, counts_in, first_cells, partition, scan_chunk
 from reference_encoder.out_of_core.source import find_inputs
 from reference_encoder.out_of_core.work_dir import WorkDir
-from scarfmt.formats.inria_ply import write_inria_ply
 from scarfmt.scene.gaussians import GaussianScene
 from tests.reference_encoder.out_of_core.scenes import binned, clusters, equal, ply_of
 
@@ -60,7 +59,7 @@ def test_what_cannot_be_encoded_is_left_out(tmp_path: Path) -> None:
 def test_files_of_lower_degree_get_zeros(tmp_path: Path) -> None:
     (tmp_path / "tiles").mkdir()
     for name, degree in (("a.ply", 0), ("b.ply", 2)):
-        write_inria_ply(clusters(50, degree, degree), tmp_path / "tiles" / name)
+        ply_of(clusters(50, degree, degree), tmp_path / "tiles", name)
     work = WorkDir(str(tmp_path / "work"))
     bounds, ranges, chunks = binned(str(tmp_path / "tiles"), work, rows=20, range_size=1000, tile=1000)
     found = load_range(work, chunks, bounds, ranges[0].number)

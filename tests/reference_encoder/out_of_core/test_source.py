@@ -13,7 +13,7 @@ import pytest
 from reference_encoder.out_of_core.source import Inputs, find_inputs, read, read_positions
 from scarfmt import formats
 from scarfmt.errors import InvalidInput, LimitExceeded
-from scarfmt.formats.inria_ply import ply_header, ply_rows, property_names
+from scarfmt.formats.inria_ply import ply_header, ply_rows
 from scarfmt.scene.gaussians import GaussianScene, concatenate
 from tests.formats.scene_files import compressed_ply, inria_names, inria_ply, ply, read_scene, sog_files, splat, spz
 from tests.formats.test_streamed_sog import streamed
@@ -110,7 +110,7 @@ def test_anchor_models_are_for_the_encoder_in_memory(tmp_path: Path) -> None:
 def test_what_a_reader_of_everything_refuses_is_refused(tmp_path: Path) -> None:
     scene = clusters(20)
     path = tmp_path / "a.ply"
-    whole = ply_header(20, property_names(3), ()) + ply_rows(scene).tobytes()
+    whole = ply_header(20, 3) + ply_rows(scene).tobytes()
     refused = {
         whole[:-1]: "input-corrupt",
         whole.replace(b"property float opacity\n", b""): "input-not-gaussians",
