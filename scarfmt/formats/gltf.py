@@ -17,7 +17,6 @@ from __future__ import annotations
 import base64
 import binascii
 import struct
-import warnings
 from collections.abc import Collection, Iterator
 from dataclasses import dataclass
 from typing import Any
@@ -29,7 +28,7 @@ from numpy.typing import NDArray
 from scarfmt.arrays import F64
 from scarfmt.blocks.metadata import check_registered
 from scarfmt.container.registries import ColourSpace, RenderModel
-from scarfmt.errors import InputWarning, InvalidInput, Malformed, Unsupported
+from scarfmt.errors import InvalidInput, Malformed, Unsupported
 from scarfmt.formats import spz
 from scarfmt.formats.frame import LUF_TO_RDF, flip_axes
 from scarfmt.formats.quantise import log_scale, logit_of_opacity
@@ -364,11 +363,10 @@ def _coordinate_reference(asset: Asset, turned: bool) -> dict[str, Any]:
     try:
         check_registered(said)
     except Malformed as error:
-        warnings.warn(f"{asset.source.name}: asset.extras: {error}; it is left out", InputWarning, stacklevel=3)
+        asset.source.warn(f"asset.extras: {error}; it is left out")
         return {}
     if turned:
-        message = f"{asset.source.name}: the coordinate reference holds before nodes turn the scene; it is left out"
-        warnings.warn(message, InputWarning, stacklevel=3)
+        asset.source.warn("the coordinate reference holds before nodes turn the scene; it is left out")
         return {}
     return said
 
@@ -411,10 +409,7 @@ def _placed_gaussians(asset: Asset) -> list[_Placed]:
         message = f"{asset.source.name}: no primitive of its scene has {EXTENSION}; give a scene of Gaussians"
         raise InvalidInput("input-not-gaussians", message, field="meshes.primitives.extensions")
     if others:
-        warnings.warn(
-            f"{asset.source.name}: {others} primitives without Gaussians (meshes, lines) are left out", InputWarning,
-            stacklevel=4,
-        )  # fmt: skip
+        asset.source.warn(f"{others} primitives without Gaussians (meshes, lines) are left out")
     return found
 
 
@@ -494,8 +489,7 @@ def _check_terms(asset: Asset, primitive: dict[str, Any], compressed: bool) -> N
         raise Unsupported("input-gltf", message, field="colorSpace")
     for field, default in (("projection", PROJECTION), ("sortingMethod", SORTING)):
         if terms.get(field, default) != default:
-            text = f"{name}: {field} {str(terms[field])[:40]!r} is taken for {default!r}"
-            warnings.warn(text, InputWarning, stacklevel=5)
+            asset.source.warn(f"{field} {str(terms[field])[:40]!r} is taken for {default!r}")
 
 
 def _harmonic_names(asset: Asset, attributes: dict[str, Any]) -> list[str]:

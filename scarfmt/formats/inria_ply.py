@@ -14,7 +14,6 @@ Properties, of any numeric type, in any order, text or binary; others (normals, 
 from __future__ import annotations
 
 import math
-import warnings
 from collections.abc import Iterable
 from dataclasses import dataclass
 
@@ -22,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scarfmt.arrays import F32, F64
-from scarfmt.errors import InputWarning, InvalidInput
+from scarfmt.errors import InvalidInput
 from scarfmt.formats import ply
 from scarfmt.formats.quantise import dc_of_colour, opacities, sh_from_channel_major
 from scarfmt.formats.source import Source
@@ -102,7 +101,7 @@ class Columns:
     def warn(self, source: Source) -> None:
         """Tell what is not read as it is."""
         for note in self.notes:
-            warnings.warn(f"{source.name}: {note}", InputWarning, stacklevel=4)
+            source.warn(note)
 
     def positions(self, rows: ply.Rows) -> F64:
         """(N, 3) float64."""

@@ -26,12 +26,11 @@ from scarfmt.arrays import F32, F64
 from scarfmt.errors import Unsupported
 from scarfmt.formats.quantise import complete_smallest_three, dc_of_colour, logit_of_opacity
 from scarfmt.formats.source import Source
-from scarfmt.formats.spz import leaves, warn
+from scarfmt.formats.spz import leaves
 from scarfmt.limits import MAX_SH_DEGREE
 from scarfmt.scene.gaussians import GaussianScene, concatenate
 
 _FILE, _CHUNK = b"RAD0", b"RADC"
-_ALIGNMENT = 8
 _ENCODINGS = {
     "f32": "f4", "f32_lebytes": "f4", "f16": "f2", "f16_lebytes": "f2", "ln_f16": "f2", "u16": "u2", "u32": "u4",
     "r8": "u1", "r8_delta": "u1", "s8": "i1", "s8_delta": "i1", "ln_0r8": "u1", "oct88r8": "u1",
@@ -99,7 +98,7 @@ def load(source: Source) -> GaussianScene:
     if done != count:
         raise source.corrupt(f"{done} Gaussians in its chunks, but its head declares {count}", field="count")
     if bright:
-        warn(source, f"{bright:,} Gaussians have opacities above 1, which Spark draws wider; they are read as opaque")
+        source.warn(f"{bright:,} Gaussians have opacities above 1, which Spark draws wider; they are read as opaque")
     everything, tree = concatenate(scenes), np.concatenate(children)
     return leaves(source, everything, tree) if tree.any() else everything
 
@@ -112,7 +111,7 @@ def _head(source: Source, data: memoryview, magic: bytes) -> tuple[dict[str, Any
     head = source.json(data[8 : 8 + length], magic.decode())
     if head.get("version") != 1:
         raise _unknown(source, f"{magic.decode()} version", head.get("version"))
-    return head, 8 + length + -length % _ALIGNMENT
+    return head, 8 + length + -length % 8
 
 
 def _place(source: Source, body: memoryview, place: object) -> tuple[Source, int, int]:

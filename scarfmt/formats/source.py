@@ -7,6 +7,7 @@ import os
 import re
 import stat
 import tempfile
+import warnings
 import zipfile
 import zlib
 from collections.abc import Iterator
@@ -17,7 +18,7 @@ from pathlib import Path, PurePath, PurePosixPath
 from typing import IO, Any, BinaryIO
 
 from scarfmt.atomic import note_read
-from scarfmt.errors import InvalidInput, LimitExceeded, Unsupported, file_error
+from scarfmt.errors import InputWarning, InvalidInput, LimitExceeded, Unsupported, file_error
 
 MAX_GAUSSIANS = 1 << 27
 """Above any published scene; an import needs about 60 bytes of memory for each at SH degree 0."""
@@ -181,6 +182,10 @@ class Source:
         """The error for content that breaks its own format."""
         advice = "get an undamaged copy, or export the scene again"
         return InvalidInput("input-corrupt", f"{self.name}: {message}; {advice}", field=field, offset=offset)
+
+    def warn(self, message: str) -> None:
+        """Tell of something that does not stop the import."""
+        warnings.warn(f"{self.name}: {message}", InputWarning, stacklevel=5)
 
     def check_count(self, count: int, *, sh_degree: int = 3, file_bytes: int | None = None) -> None:
         """Refuse a declared number of Gaussians before anything of that size is allocated.

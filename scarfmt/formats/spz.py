@@ -16,7 +16,6 @@ from __future__ import annotations
 
 import itertools
 import struct
-import warnings
 import zlib
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -28,7 +27,7 @@ from numpy.typing import NDArray
 
 from scarfmt.arrays import F32, F64, U8, U32
 from scarfmt.container.registries import RenderModel
-from scarfmt.errors import InputWarning, InvalidInput, Unsupported
+from scarfmt.errors import InvalidInput, Unsupported
 from scarfmt.formats.frame import RUB_TO_RDF, flip_axes, signs_to
 from scarfmt.formats.output import CoarseSteps, Described, Losses, Parts, Says, Spool, Written, finite, gaussian_sizes
 from scarfmt.formats.quantise import (
@@ -88,7 +87,7 @@ def load(source: Source, *, frame: Literal["RDF", "RUB"] = "RDF") -> GaussianSce
     header, streams, extensions, tree = (_read_gzip if gzipped else _read_v4)(source)
     version, count, degree, fraction_bits = header
     if degree > MAX_SH_DEGREE:
-        warn(source, "spherical harmonics of degree 4 are left out: scenes here have degree 3")
+        source.warn("spherical harmonics of degree 4 are left out: scenes here have degree 3")
     rest = streams[5].reshape(count, (degree + 1) ** 2 - 1, 3)[:, :_MOST_COEFFICIENTS]
     scene = GaussianScene(
         _positions(streams[0].reshape(count, 6 if version == 1 else 9), version, fraction_bits),
@@ -121,13 +120,8 @@ def leaves(source: Source, scene: GaussianScene, children: NDArray[np.integer]) 
     if not finest.any():
         raise source.corrupt("every node of the tree has children")
     inner = len(scene) - int(np.count_nonzero(finest))
-    warn(source, f"{inner:,} of {len(scene):,} Gaussians are coarser levels of Spark's tree, and left out")
+    source.warn(f"{inner:,} of {len(scene):,} Gaussians are coarser levels of Spark's tree, and left out")
     return scene.take(finest)
-
-
-def warn(source: Source, message: str) -> None:
-    """Tell of something in an input that does not stop its import."""
-    warnings.warn(f"{source.name}: {message}", InputWarning, stacklevel=4)
 
 
 def describe(source: Source) -> Description:

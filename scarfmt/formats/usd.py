@@ -9,7 +9,6 @@ from __future__ import annotations
 import os
 import shutil
 import tempfile
-import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path, PurePosixPath
@@ -20,7 +19,7 @@ from numpy.typing import NDArray
 
 from scarfmt.arrays import F64
 from scarfmt.blocks.metadata import check_registered
-from scarfmt.errors import InputWarning, InvalidInput, Malformed, Unsupported, missing_package
+from scarfmt.errors import InvalidInput, Malformed, Unsupported, missing_package
 from scarfmt.formats.frame import RUB_TO_RDF, Signs, flip_axes, signs_to
 from scarfmt.formats.output import CoarseSteps, Described, Losses, Parts, Says, Written, finite
 from scarfmt.formats.quantise import log_scale, logit_of_opacity, opacities, unit_quaternions
@@ -77,8 +76,7 @@ def describe(source: Source) -> Description:
         metadata = {_REFERENCE: {"crs": said.get("crs"), "origin": [float(number) for number in said["origin"]]}}
         check_registered(metadata)
     except (Malformed, KeyError, TypeError, ValueError) as error:
-        message = f"{source.name}: the coordinate reference cannot be used ({error}); it is left out"
-        warnings.warn(message, InputWarning, stacklevel=3)
+        source.warn(f"the coordinate reference cannot be used ({error}); it is left out")
         return description
     return description.with_metadata(metadata)
 
@@ -129,7 +127,7 @@ def _find_prims(source: Source, stage: Any) -> list[Any]:
         raise InvalidInput("input-not-gaussians", f"{source.name}: {what}; give a scene of Gaussians")
     for count, what in ((hidden, "invisible prims of Gaussians"), (others, "prims of other geometry")):
         if count:
-            _warn(source, f"{count} {what} left out")
+            source.warn(f"{count} {what} left out")
     return found
 
 
@@ -168,7 +166,7 @@ def _read_harmonics(source: Source, prim: Any, count: int) -> NDArray[np.float32
         message = f"{len(coefficients)} coefficients of {count} Gaussians of degree {degree}"
         raise source.corrupt(message, field=_HARMONICS)
     if degree > _MOST_DEGREE:
-        _warn(source, f"spherical harmonics above degree {_MOST_DEGREE} are left out: scenes here have degree 3")
+        source.warn(f"spherical harmonics above degree {_MOST_DEGREE} are left out: scenes here have degree 3")
     kept = (min(degree, _MOST_DEGREE) + 1) ** 2
     return coefficients.reshape(count, (degree + 1) ** 2, 3)[:, :kept].astype(np.float32)
 
@@ -182,7 +180,7 @@ def _read(source: Source, prim: Any, name: str, element: tuple[int, ...]) -> tup
         if not attribute.HasAuthoredValue():
             continue
         if attribute.GetNumTimeSamples() > 1:
-            _warn(source, f"{name} has {attribute.GetNumTimeSamples()} moments, of which the first is read")
+            source.warn(f"{name} has {attribute.GetNumTimeSamples()} moments, of which the first is read")
         values = np.asarray(attribute.Get(_first_moment()))
         return values.reshape(-1, *element), half
     raise source.corrupt("a prim of Gaussians lacks this attribute", field=name)
@@ -199,10 +197,6 @@ def _transform(prim: Any) -> F64:
     from pxr import UsdGeom
 
     return np.array(UsdGeom.XformCache(_first_moment()).GetLocalToWorldTransform(prim), np.float64).T
-
-
-def _warn(source: Source, message: str) -> None:
-    warnings.warn(f"{source.name}: {message}", InputWarning, stacklevel=5)
 
 
 def write_usd(parts: Parts, described: Described, target: BinaryIO) -> Written:
