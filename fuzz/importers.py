@@ -252,7 +252,7 @@ def _archive(dice: Random) -> Callable[[], object]:
 
 def _spz(dice: Random) -> Callable[[], object]:
     data = gzip.decompress(spz(dice.choice((1, 2, 3))))
-    return partial(load, gzip.compress(change_bytes(data, dice), 1), format="spz")
+    return partial(load, gzip.compress(change_bytes(data, dice), 1, mtime=0), format="spz")
 
 
 def _rad(dice: Random) -> Callable[[], object]:

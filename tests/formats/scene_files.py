@@ -237,10 +237,11 @@ def sog_files(count: int = 6, *, version: int = 2, bands: int = 1, width: int = 
 
 
 def zipped(files: dict[str, bytes], method: int = zipfile.ZIP_STORED, prefix: str = "") -> bytes:
+    """An archive, the same whenever it is made."""
     out = io.BytesIO()
-    with zipfile.ZipFile(out, "w", method) as archive:
+    with zipfile.ZipFile(out, "w") as archive:
         for name, data in files.items():
-            archive.writestr(prefix + name, data)
+            archive.writestr(zipfile.ZipInfo(prefix + name), data, method)
     return out.getvalue()
 
 
