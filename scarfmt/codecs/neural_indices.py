@@ -6,7 +6,7 @@ coded stage by stage. A symbol is one of the codebook, or a cluster and then a m
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,7 +16,7 @@ from scarfmt.arrays import F32, I16, I32, I64, Ints
 from scarfmt.entropy.emitters import Emitter
 from scarfmt.entropy.symbol_reader import SymbolReader
 from scarfmt.neural.context import CellSums, count_features
-from scarfmt.neural.evaluator import Block, Evaluator
+from scarfmt.neural.evaluator import Blocks, Evaluator
 from scarfmt.neural.grid import HashGrid
 from scarfmt.neural.layer_context import LayerContext
 from scarfmt.neural.network import IndexNetwork
@@ -97,13 +97,13 @@ def _read_symbols(reader: SymbolReader, coder: IndexCoder, stage: int, mixed: F3
     """(count,) indices of a stage, of (count, Y) mixer outputs: a symbol each, or a cluster and a member."""
     book, evaluator = int(stage > 1), coder.evaluator
     head, first = coder.network.heads[book], np.empty(count, np.int64)
-    for block in evaluator.first_blocks(book, mixed):
-        first[block.rows] = reader.read_rows(block.weights(), stage)
+    for rows, weights in evaluator.first_blocks(book, mixed):
+        first[rows] = reader.read_rows(weights, stage)
     if not head.two_level:
         return first
     out: I64 = head.starts[first]
-    for block in evaluator.member_blocks(book, mixed, first):
-        out[block.rows] += reader.read_rows(block.weights(), stage)
+    for rows, weights in evaluator.member_blocks(book, mixed, first):
+        out[rows] += reader.read_rows(weights, stage)
     return out
 
 
@@ -194,8 +194,9 @@ def _code_pass(
     """All stages of the anchors of one pass; the recurrent state runs over stages received earlier, too."""
     evaluator, observer = coder.evaluator, around.context.observer
     before, after = stages
-    watch = None if observer is None else observer.embedding
-    embedded = evaluator.embed(inputs, watch)
+    embedded = evaluator.embed(inputs)
+    if observer is not None:
+        observer.embedding(embedded)
     state = evaluator.start(len(part))
     for stage in range(1, int(after.max(initial=0)) + 1):
         coded = np.flatnonzero((before < stage) & (after >= stage))
@@ -219,6 +220,6 @@ def _put_symbols(emitter: Emitter, coder: IndexCoder, book: int, mixed: F32, sym
     _put_blocks(emitter, evaluator.member_blocks(book, mixed, clusters), symbols - starts[clusters])
 
 
-def _put_blocks(emitter: Emitter, blocks: Iterable[Block], symbols: I64) -> None:
-    for block in blocks:
-        emitter.emit_rows(block.weights(), symbols[block.rows])
+def _put_blocks(emitter: Emitter, blocks: Blocks, symbols: I64) -> None:
+    for rows, weights in blocks:
+        emitter.emit_rows(weights, symbols[rows])

@@ -26,7 +26,7 @@ from scarfmt.container.schema import Profile, Stream
 from scarfmt.entropy.emitters import Emitter
 from scarfmt.entropy.symbol_reader import SymbolReader
 from scarfmt.neural.layer_context import LayerContext
-from scarfmt.neural.predicted import PredictedChannel, Predictors, PredictorSet
+from scarfmt.neural.predicted import PredictedChannel, Predictors
 from scarfmt.observe import LayerObserver
 from scarfmt.scene.model import SceneModel
 from scarfmt.scene.streams import STREAMS
@@ -47,9 +47,9 @@ class NeuralModels:
     indices: IndexCoder | None = None
 
     @cached_property
-    def sets(self) -> PredictorSet:
-        """The predictors, sorted by what is evaluated together."""
-        return PredictorSet(self.predictors)
+    def predicted_streams(self) -> frozenset[Stream]:
+        """The streams that have predictors."""
+        return frozenset(Stream(stream) for stream, _, _ in self.predictors)
 
     def coder(self, model: SceneModel, layer: int) -> IndexCoder | None:
         """The coder of the indices of a layer; None for static tables."""
@@ -141,7 +141,7 @@ def put_layer(
         put_masks(emitters(Stream.MASKS), before, after)
     last = len(model.layers)
     coder = neural.coder(model, layer)
-    context = _context(model, frame, content, neural.sets, coder)
+    context = _context(model, frame, content, neural.predictors, coder)
     for index, channel in enumerate(model.channels):
         emitter = emitters(channel.stream)
         if channel.per_slot:
@@ -152,7 +152,7 @@ def put_layer(
         predicted = None
         if context is not None:
             steps = before_steps, after_steps
-            predicted = _predicted(context, index, neural.sets, _at(*final, before_steps), steps)
+            predicted = _predicted(context, index, neural.predictors, _at(*final, before_steps), steps)
         put_channel(emitter, channel, before_steps, after_steps, final, predicted)
         if context is not None and index in model.attributes:
             context.settle(index, _at(*final, after_steps), after_steps)
@@ -173,7 +173,7 @@ def _context(
     model: SceneModel,
     frame: TileFrame,
     content: TileContent,
-    predictors: PredictorSet,
+    predictors: Predictors,
     coder: IndexCoder | None,
     observer: LayerObserver | None = None,
 ) -> LayerContext | None:
@@ -184,19 +184,17 @@ def _context(
 
 
 def _predicted(
-    context: LayerContext, index: int, predictors: PredictorSet, values: Ints, steps: tuple[I64, I64]
+    context: LayerContext, index: int, predictors: Predictors, values: Ints, steps: tuple[I64, I64]
 ) -> PredictedChannel | None:
     """The predictors of a channel's steps in a layer, None where none of those that travel has any."""
-    stream = context.model.channels[index].stream
-    if stream not in predictors.streams or not any(predictors.step(stream, step) for step in steps_between(*steps)):
-        return None
-    return PredictedChannel(context, index, predictors, values, steps[0])
+    channel = PredictedChannel(context, index, predictors, values, steps[0])
+    return channel if any(map(channel.covers, steps_between(*steps))) else None
 
 
 def needed_streams(model: SceneModel, wanted: Collection[Stream], neural: NeuralModels = STATIC) -> frozenset[Stream]:
     """The channels that must be decoded for the streams wanted: those themselves, and contexts of those that are."""
     need = [channel.stream in wanted for channel in model.channels]
-    predicted = neural.sets.streams
+    predicted = neural.predicted_streams
     if neural.indices is not None and Stream.INDICES in wanted:
         for index in model.attributes:
             need[index] = True
@@ -245,7 +243,7 @@ def get_layer(
     classes, turned_on = content.classes, _turned_on(model, layer, content, open_stream)
     need = needed_streams(model, wanted, neural)
     coder = neural.coder(model, layer) if Stream.INDICES in wanted else None
-    context = _context(model, frame, content, neural.sets, coder, observer)
+    context = _context(model, frame, content, neural.predictors, coder, observer)
     for index, channel in enumerate(model.channels):
         if channel.stream not in need:
             continue
@@ -257,7 +255,7 @@ def get_layer(
             values = content.values[index]
             predicted = None
             if context is not None:
-                predicted = _predicted(context, index, neural.sets, values, steps)
+                predicted = _predicted(context, index, neural.predictors, values, steps)
             get_channel(reader, channel, *steps, values, predicted)
         if context is not None and index in model.attributes:
             context.settle(index, content.values[index], steps[1])

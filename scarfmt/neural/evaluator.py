@@ -1,59 +1,50 @@
-"""Fast evaluation of the index network: rows of frequencies for the symbols of many anchors (SPEC §10.5).
+"""Evaluation of the index network: rows of frequencies for the symbols of many anchors (SPEC §10.5).
 
-The same integers as the definition, fewer operations: what depends on the embedding alone (the query, and
-h's share of the mixer) is computed once an anchor; what depends on one codeword alone (its input products,
-and every state after the first token) is a table made once; rounding shifts are folded into the weights.
+Arrays are binary32 and carry integers, or integers divided by a power of two: rounding shifts are folded into the
+weights, and every operation is exact for what a valid network gives it (SPEC §10.1).
 """
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
 
 from scarfmt.arrays import F32, F64, I64, Ints, Numbers
+from scarfmt.entropy.rans import TOTAL
 from scarfmt.errors import InvalidInput
-from scarfmt.neural.network import IndexNetwork
-from scarfmt.neural.operations import NUMPY, Array
-from scarfmt.neural.parts import GATES, Attending, Logits, Predicting, Recurrence, Rounded
-from scarfmt.neural.tables import exp2_table
+from scarfmt.neural.arithmetic import Linear, folded
+from scarfmt.neural.network import QUERY_AMAX, Attention, GruLayer, IndexNetwork
+from scarfmt.neural.tables import EXP2_LAST, LAST, exp2_table, sigmoid_table, state_table
 from scarfmt.scene.model import Codebooks
+
+_ELEMENTS = 1 << 17
+"""Numbers of an array that is worked on at once: it stays in the cache."""
+_RECURRENT_AMAX = 2047
+_GATE_ONE = 4096
+_SHARE_ONE = 256
+
+_EXP2 = exp2_table().astype(np.float64)
+_SIGMOID = (sigmoid_table() / _GATE_ONE).astype(np.float32)
+
+Blocks = Iterator[tuple[I64, F64]]
+"""Symbols to code in one call: (m,) int64 positions among the anchors asked for, in coding order; and (m, k) float64
+f - 1, one row a symbol."""
 
 
 @dataclass(frozen=True)
 class State:
-    """The state of the network after some indices of `count` anchors.
+    """The state of the network after some indices of n anchors.
 
     Attributes:
-        count: anchors.
-        stage: indices known of each, 0 or more.
-        layers: newest (count, H) state of each recurrent layer; empty at stage 0, where all have the start state.
-        keys, values: (count, H) of each token, in order; empty without attention.
+        layers: newest (n, H) state of each recurrent layer.
+        history: (n, H) states of the top layer, from the start state on, one more than indices are known.
     """
 
-    count: int
-    stage: int
-    layers: tuple[Array, ...]
-    keys: tuple[Array, ...]
-    values: tuple[Array, ...]
-
-
-@dataclass(frozen=True)
-class Block:
-    """Symbols to code in one call.
-
-    Attributes:
-        rows: (m,) int64 positions among the anchors asked for, in coding order.
-    """
-
-    rows: I64
-    _scores: Array
-    _frequencies: Callable[[Array], F64]
-
-    def weights(self) -> F64:
-        """(m, k) float64 f - 1, one row a symbol. To be asked for once: it uses up the logits."""
-        return self._frequencies(self._scores)
+    layers: tuple[F32, ...]
+    history: tuple[F32, ...]
 
 
 class Evaluator:
@@ -65,184 +56,191 @@ class Evaluator:
 
     Attributes:
         network, books: as given.
-        embedding: its two layers.
-        mix_embedding, mix_biases, mix_state: the mixer's (H, Y) share of h, its (Y,) biases and its (H, Y) share of c.
-        mix_start: (1, Y) what c adds while no index is known.
-        gru: recurrent layers.
-        first: the state after each coarse codeword; that of no anchors where no index is a token.
-        attend: the attention, or None.
-        heads: by number of the codebook, of those that are not empty.
     """
 
     def __init__(self, network: IndexNetwork, books: Codebooks) -> None:
-        self.network, self.books = network, books
-        self._do, self._amax, h = NUMPY, network.amax, network.hidden
-        self.embedding = (
-            Rounded(network.embed[0], NUMPY, 0, network.amax),
-            Rounded(network.embed[1], NUMPY, -network.amax, network.amax),
-        )
-        weights, biases = network.mixer.folded
-        self.mix_embedding, self.mix_biases = NUMPY.constant(weights[:h]), NUMPY.constant(biases)
-        self.mix_state = NUMPY.constant(weights[h:])
+        self.network, self.books, self._amax = network, books, network.amax
         words = [network.codewords(book) for book in (books.coarse, books.residual)][: len(network.heads)]
-        self.gru = [
-            Recurrence(layer, [] if number else words, network.activation_bits, NUMPY)
-            for number, layer in enumerate(network.gru)
+        self._gru = [_Recurrence(layer, network.activation_bits) for layer in network.gru]
+        # What the first layer makes of each codeword, by codebook.
+        self._tokens = [
+            book.astype(np.float32) @ matrix for book, matrix in zip(words, self._gru[0].inputs, strict=False)
         ]
-        start = network.gru[-1].start
-        self.attend: Attending | None = None
-        if network.attention is not None:
-            self.attend = Attending(network.attention, start, network.amax, NUMPY)
-        # A codebook is empty while no layer that needs it was read: nothing is coded with its head.
-        self.heads = {
-            number: Predicting(head, book, network.amax, NUMPY)
-            for number, (head, book) in enumerate(zip(network.heads, words, strict=True))
-            if len(book)
-        }
-        self._exp2 = NUMPY.constant(exp2_table())
-        # Attention over one state is the value of that state.
-        context = NUMPY.constant(start[None]) if self.attend is None else self.attend.first_value
-        self.mix_start = NUMPY.product(context, self.mix_state)
-        self._tokens = len(network.gru[0].biases)
-        self.first = self._after_first_token(network, len(words[0])) if self._tokens else self.start(0)
+        # Logits of the first symbol and of the members of each cluster, by codebook; none of one that is still empty.
+        self._logits: dict[int, tuple[Linear, list[Linear]]] = {}
+        for number, (head, book) in enumerate(zip(network.heads, words, strict=True)):
+            if len(book) and head.two_level:
+                ends = list(itertools.accumulate(head.clusters, initial=0))
+                parts = [slice(first, last) for first, last in itertools.pairwise(ends)]
+                deviations = head.deviations(book)
+                members = [_logits(deviations[part], head.biases[part], head.member_shift) for part in parts]
+                self._logits[number] = _logits(head.centroids(book), head.cluster_biases, head.shift), members
+            elif len(book):
+                self._logits[number] = _logits(book, head.biases, head.shift), []
 
-    def _after_first_token(self, network: IndexNetwork, codewords: int) -> State:
-        """The state after each of the coarse codewords: the first token decides it alone."""
-        starts = tuple(self._do.constant(np.tile(layer.start, (codewords, 1))) for layer in network.gru)
-        return State(codewords, 1, *self._step(starts, 1, self._do.index(np.arange(codewords))))
-
-    def _chunks(self, count: int, columns: int) -> Iterator[slice]:
-        """Rows 0..count-1 of arrays of so many columns, cut."""
-        step = max(1, min(self._do.chunk, self._do.elements // columns))
-        return (slice(first, min(first + step, count)) for first in range(0, count, step))
-
-    def embed(self, x: Numbers, observe: Callable[[F32], None] | None = None) -> Array:
-        """The embedding of the decoded context of n anchors: (n, Y), or (n, Y + H) with attention.
-
-        The columns are h's share of the mixer and the query; rows may be selected by indexing.
+    def embed(self, x: Numbers) -> F32:
+        """(n, H) embeddings h of n anchors.
 
         Args:
             x: (n, width) integers of any dtype, the columns of SPEC §10.5; clamped here.
-            observe: shown the embeddings h, (m, H), in order.
         """
-        width = self.mix_embedding.shape[1]
-        queries = 0 if self.attend is None else self.mix_embedding.shape[0]
-        out = self._do.empty(len(x), width + queries)
-        for part in self._chunks(len(x), x.shape[1]):
-            h = self.embedding[1](self.embedding[0](self._do.lift(x[part], self._amax)))
-            if observe is not None:
-                observe(self._do.lower(h))
-            out[part, :width] = self._do.product(h, self.mix_embedding)
-            out[part, :width] += self.mix_biases
-            if self.attend is not None:
-                out[part, width:] = self.attend.query(h)
-        return out
+        first, second, amax = *self.network.embed, self._amax
+
+        def embedded(part: Numbers) -> F32:
+            return second.signed(first.relu(np.clip(part.astype(np.float32), -amax, amax), amax), amax)
+
+        return _by_parts(embedded, x.shape[1], x)
 
     def start(self, count: int) -> State:
         """The state of `count` anchors of which no index is known."""
-        return State(count, 0, (), (), ())
+        layers = tuple(np.tile(layer.start.astype(np.float32), (count, 1)) for layer in self.network.gru)
+        return State(layers, layers[-1:])
 
     def take(self, state: State, rows: Ints) -> State:
         """The state of the anchors `rows`, (m,) positions."""
-        chosen = self._do.index(rows)
-        layers, keys, values = (
-            tuple(self._do.take(array, chosen) for array in arrays)
-            for arrays in (state.layers, state.keys, state.values)
-        )
-        return State(len(rows), state.stage, layers, keys, values)
+        return State(tuple(layer[rows] for layer in state.layers), tuple(layer[rows] for layer in state.history))
 
     def advance(self, state: State, stage: int, codes: Ints) -> State:
         """The state after the indices of one more stage.
 
         Args:
-            stage: theirs, that of `state` plus 1; the last stage of a scene is no token.
-            codes: (count,) codeword numbers, below the size of the stage's codebook.
+            stage: theirs, the one that follows those known; the last stage of a scene is no token.
+            codes: (n,) codeword numbers, below the size of the stage's codebook.
 
         Raises:
             InvalidInput: ``input-stage`` for another stage or number of indices.
         """
-        if stage != state.stage + 1 or stage > self._tokens or len(codes) != state.count:
+        tokens = len(self.network.gru[0].biases)
+        if stage != len(state.history) or stage > tokens or len(codes) != len(state.history[0]):
             raise InvalidInput("input-stage", f"{len(codes)} indices of stage {stage} do not follow", field="stage")
-        if stage == 1:
-            return self.take(self.first, codes)
-        chosen = self._do.index(codes)
-        columns = state.layers + state.keys[-1:] + state.values[-1:]
-        new = [self._do.empty(state.count, column.shape[1]) for column in columns]
-        for part in self._chunks(state.count, GATES * columns[0].shape[1]):
-            layers, key, value = self._step(tuple(layer[part] for layer in state.layers), stage, chosen[part])
-            for whole, piece in zip(new, layers + key + value, strict=True):
-                whole[part] = piece
-        depth = len(self.gru)
-        keys, values = tuple(new[depth : depth + 1]), tuple(new[depth + 1 :])
-        return State(state.count, stage, tuple(new[:depth]), state.keys + keys, state.values + values)
+        first = self._gru[0]
+        products = self._tokens[int(stage > 1)][codes] + first.biases[stage - 1]
+        layers = [_by_parts(first.step, products.shape[1], products, state.layers[0])]
+        for layer, before in zip(self._gru[1:], state.layers[1:], strict=True):
+            products = layers[-1] @ layer.inputs[0] + layer.biases[0]
+            layers.append(_by_parts(layer.step, products.shape[1], products, before))
+        return State(tuple(layers), (*state.history, layers[-1]))
 
-    def _step(
-        self, states: tuple[Array, ...], stage: int, codes: Array
-    ) -> tuple[tuple[Array, ...], tuple[Array, ...], tuple[Array, ...]]:
-        """New states of all layers, and the key and value of the top one (none without attention)."""
-        new = [self.gru[0].step(self.gru[0].token_products(stage, codes), states[0])]
-        for layer, state in zip(self.gru[1:], states[1:], strict=True):
-            new.append(layer.step(layer.state_products(new[-1]), state))
-        if self.attend is None:
-            return tuple(new), (), ()
-        return tuple(new), (self.attend.key(new[-1]),), (self.attend.value(new[-1]),)
-
-    def mixed(self, h: Array, state: State) -> Array:
+    def mixed(self, h: F32, state: State) -> F32:
         """(n, Y) y of the stage that follows `state`, of the embeddings `h` of the same anchors."""
-        width = self.mix_embedding.shape[1]
-        out = self._do.empty(state.count, width)
-        for part in self._chunks(state.count, width):
-            mix = h[part, :width] + self._share_of_state(h[part, width:], state, part)
-            out[part] = self._do.clip_(self._do.floor_(mix), 0, self._amax)
-        return out
+        mixer, attention, amax = self.network.mixer, self.network.attention, self._amax
 
-    def _share_of_state(self, query: Array, state: State, part: slice) -> Array:
-        """(n, Y) or (1, Y) what c adds to the mixer."""
-        if not state.stage:
-            return self.mix_start
-        if self.attend is None:
-            return self._do.product(state.layers[-1][part], self.mix_state)
-        c = self.attend(query, [key[part] for key in state.keys], [value[part] for value in state.values])
-        return self._do.product(c, self.mix_state)
+        def mix(h: F32, *history: F32) -> F32:
+            c = history[-1] if attention is None else _attend(attention, h, history, amax)
+            return mixer.relu(np.concatenate([h, c], axis=1), amax)
 
-    def first_blocks(self, book: int, y: Array) -> Iterator[Block]:
+        return _by_parts(mix, mixer.inputs, h, *state.history)
+
+    def first_blocks(self, book: int, y: F32) -> Blocks:
         """The first symbols of n anchors, in order: codewords of a flat head, clusters of a two-level one.
 
-        A few anchors at a time: coded at once, their rows never leave the cache.
+        Args:
+            book: number of the codebook.
+            y: (n, Y).
         """
-        head = self.heads[book]
-        return self._blocks(head.projections[0], head.top, y)
+        projection, (logits, _) = self.network.heads[book].projections[0], self._logits[book]
+        for part in _parts(len(y), logits.outputs):
+            o = projection.signed(y[part], self._amax)
+            yield np.arange(part.start, part.stop), frequency_rows(logits.rounded(o))
 
-    def _blocks(self, projection: Rounded, logits: Logits, y: Array) -> Iterator[Block]:
-        for part in self._chunks(len(y), logits.count):
-            yield Block(np.arange(part.start, part.stop), logits(projection(y[part])), self._frequencies)
-
-    def _frequencies(self, logits: Array) -> F64:
-        return self._do.frequency_rows(logits, self._exp2)
-
-    def member_blocks(self, book: int, y: Array, clusters: Ints) -> Iterator[Block]:
+    def member_blocks(self, book: int, y: F32, clusters: Ints) -> Blocks:
         """The members of n anchors: clusters ascend, order is kept in a cluster, clusters of one codeword are left out.
 
         Args:
+            book: number of the codebook.
             y: (n, Y).
             clusters: (n,) the cluster of each anchor.
         """
-        head = self.heads[book]
+        head, (_, members) = self.network.heads[book], self._logits[book]
         # Of 16 bits, NumPy sorts by digits, many times faster.
         order = np.argsort(clusters.astype(np.int16), kind="stable")
-        ends = np.searchsorted(clusters[order], np.arange(len(head.sizes) + 1))
-        for first, last in head.equal_runs():
-            edges = ends[first : last + 1] - ends[first]
-            for part in self._chunks(int(edges[-1]), head.sizes[first]):
-                rows = order[ends[first] + part.start : ends[first] + part.stop]
-                o = head.projections[1](self._do.take(y, self._do.index(rows)))
-                logits = self._member_logits(head, o, first, np.clip(edges - part.start, 0, len(rows)))
-                yield Block(rows, logits, self._frequencies)
+        ends = np.searchsorted(clusters[order], np.arange(len(members) + 1))
+        # Neighbouring clusters of one size are coded together.
+        for size, run in itertools.groupby(range(len(members)), key=head.clusters.__getitem__):
+            if size == 1:
+                continue
+            here = list(run)
+            edges = ends[here[0] : here[-1] + 2] - ends[here[0]]
+            for part in _parts(int(edges[-1]), size):
+                rows = order[ends[here[0]] + part.start : ends[here[0]] + part.stop]
+                o, logits = head.projections[1].signed(y[rows], self._amax), np.empty((len(rows), size), np.float32)
+                for cluster, (first, last) in zip(here, itertools.pairwise(edges - part.start), strict=True):
+                    own = slice(max(first, 0), max(last, 0))
+                    if own.start < min(own.stop, len(rows)):
+                        logits[own] = members[cluster].rounded(o[own])
+                yield rows, frequency_rows(logits)
 
-    def _member_logits(self, head: Predicting, o: Array, first: int, edges: I64) -> Array:
-        """(size, m) logits of anchors sorted by cluster: first + i has those from edges[i] to edges[i + 1]."""
-        logits = self._do.empty(head.sizes[first], len(o))
-        for cluster in np.flatnonzero(np.diff(edges)).tolist():
-            own = slice(int(edges[cluster]), int(edges[cluster + 1]))
-            logits[:, own] = head.members[first + cluster](o[own])
-        return logits
+
+class _Recurrence:
+    """One recurrent layer; columns in the order z, r, n.
+
+    Attributes:
+        inputs: (R, 3H) or (H, 3H) input matrices; biases: (tokens, 3H) of their products. Neither rounds.
+    """
+
+    def __init__(self, layer: GruLayer, activation_bits: int) -> None:
+        self._width, self._half = len(layer.start), 0.5 if layer.shift else 0.0
+        self.inputs = [folded(matrix, layer.recurrent_biases, layer.shift)[0] for matrix in layer.inputs]
+        self.biases = (layer.biases * 0.5**layer.shift).astype(np.float32)
+        # The half of their rounding is in the biases of these.
+        self._recurrent, self._recurrent_biases = folded(layer.recurrent, layer.recurrent_biases, layer.shift)
+        self._tanh = state_table(activation_bits).astype(np.float32)
+
+    def step(self, products: F32, state: F32) -> F32:
+        """(n, H) the new state, of the (n, 3H) products of the input, biases included, and the (n, H) state."""
+        gates, width = 2 * self._width, self._width
+        around = state @ self._recurrent + self._recurrent_biases
+        opened = _SIGMOID[_place(np.floor(products[:, :gates] + around[:, :gates]))]
+        kept = np.clip(np.floor(around[:, gates:]), -_RECURRENT_AMAX, _RECURRENT_AMAX)
+        new = np.floor(products[:, gates:] + self._half) + np.floor(opened[:, width:] * kept + 0.5)
+        candidate = self._tanh[_place(new)]
+        # z g + (1 - z) n as n + z (g - n): 11 bits before the point, the 12 of z after it.
+        return np.asarray(np.floor(candidate + opened[:, :width] * (state - candidate) + 0.5))
+
+
+def _place(x: F32) -> I64:
+    """Places of integers in a table of -LAST..LAST."""
+    return np.asarray((np.clip(x, -LAST, LAST) + LAST).astype(np.int64))
+
+
+def _attend(attention: Attention, h: F32, history: tuple[F32, ...], amax: int) -> F32:
+    """(n, H) c of n anchors, of (n, H) embeddings and all states of the top layer."""
+    query, half = attention.query.signed(h, QUERY_AMAX), 0.5 if attention.shift else 0.0
+    keys = (attention.key.signed(state, QUERY_AMAX) for state in history)
+    products = np.stack([np.einsum("ij,ij->i", query, key) for key in keys])
+    scores = np.floor(products * np.float32(0.5**attention.shift) + np.float32(half))
+    weights = _powers(scores.max(axis=0) - scores)
+    # One division after an exact product: the quotient then rounds to an integer only if it is one.
+    shares = (np.floor(weights * _SHARE_ONE / weights.sum(axis=0)) / _SHARE_ONE).astype(np.float32)
+    values = (attention.value.signed(state, amax) for state in history)
+    # No clamp: the shares sum to at most 1.
+    return np.asarray(np.floor(sum(share[:, None] * value for share, value in zip(shares, values, strict=True)) + 0.5))
+
+
+def _powers(distances: F32) -> F64:
+    """exp2w of integers; those above 2^24 are not exact, and need not be: from 512 on it is 0."""
+    return np.asarray(_EXP2[np.minimum(distances, EXP2_LAST + 1).astype(np.int64)])
+
+
+def frequency_rows(logits: F32) -> F64:
+    """(n, k) float64 f - 1 of symbols with (n, k) logits."""
+    prefix = np.cumsum(_powers(logits.max(axis=1, keepdims=True) - logits), axis=1)
+    totals = prefix[:, -1:].copy()
+    return np.diff(np.floor(prefix * (TOTAL - prefix.shape[1]) / totals), axis=1, prepend=0.0)
+
+
+def _logits(codewords: I64, biases: I64, shift: int) -> Linear:
+    """round_shift(<e, o> + b, s) of codewords e as a layer."""
+    return Linear(codewords.astype(np.int32), biases, shift)
+
+
+def _parts(count: int, columns: int) -> Iterator[slice]:
+    """Rows 0..count-1 of arrays of so many columns, cut."""
+    step = max(1, _ELEMENTS // columns)
+    return (slice(first, min(first + step, count)) for first in range(0, count, step))
+
+
+def _by_parts(function: Callable[..., F32], columns: int, *arrays: Numbers) -> F32:
+    """A function of rows, applied to some at a time: at most `columns` numbers of each are alive."""
+    parts = list(_parts(len(arrays[0]), columns)) or [slice(0, 0)]
+    return np.concatenate([function(*(array[part] for array in arrays)) for part in parts])

@@ -207,11 +207,6 @@ class PassInputs:
         _clamp(apart)
         self._x[self._shared :] = apart.reshape(components * depths, wide)
 
-    @property
-    def all(self) -> F32:
-        """(shared + components * depths, w) float32 integers: shared inputs, then every component's relative ones."""
-        return self._x
-
     def of(self, component: int) -> F32:
         """(w, inputs) float32 integers in -511..511: what the predictor of a component reads."""
         own = self._shared + component * self._depths
