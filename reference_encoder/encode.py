@@ -148,6 +148,14 @@ class Trial:
     scene: QuantisedScene
 
 
+def choose_layers(problem: RdoInput, curves: Sequence[RdCurve], layers: int) -> LayeredInput:
+    """Layers by rule, without pictures; all in one, where that is what is asked for."""
+    if layers > 1:
+        return layer_by_rule(problem, curves, layers)
+    last = price_layers(problem, curves).final
+    return LayeredInput(problem, curves, [last], last)
+
+
 class Encoder:
     """The stages after measuring, repeated until pictures are as good as asked.
 
@@ -173,10 +181,7 @@ class Encoder:
         self._report()
         self.trials += 1
         curves = measure_curves(problem)
-        if layers > 1 and not self._previews:
-            return self._allocate(layer_by_rule(problem, curves, layers))
-        last = price_layers(problem, curves).final
-        return self._allocate(LayeredInput(problem, curves, [last], last))
+        return self._allocate(choose_layers(problem, curves, 1 if self._previews else layers))
 
     @property
     def _previews(self) -> bool:

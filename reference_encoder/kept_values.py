@@ -35,7 +35,7 @@ _MODULES = {
     f"{_HERE}.overview": "Overview",
     f"{_HERE}.scan": "Scanned",
     f"{_HERE}.tasks": "Scene",
-    f"{_HERE}.types": "Bounds Histograms Measured Models Range RangeSymbols Rows Sample",
+    f"{_HERE}.types": "Bounds Histograms Measured Models Range Rows",
     "reference_encoder.rdo.classes": "ClassBounds",
     "reference_encoder.rdo.lattice": "RootCube",
     "reference_encoder.training.index_entropy": "Lesson",

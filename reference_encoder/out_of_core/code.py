@@ -15,11 +15,11 @@ import numpy as np
 
 from reference_encoder.out_of_core.fit import Fit
 from reference_encoder.out_of_core.overview import Overview
-from reference_encoder.out_of_core.types import Histograms, Models, RangeContent, RangeSymbols, Rows
+from reference_encoder.out_of_core.types import Histograms, Models, RangeSymbols, Rows
 from reference_encoder.out_of_core.work_dir import WorkDir, file_name
 from reference_encoder.profiles.explicit import ENCODE_REPORT, report_encoding
 from scarfmt.arrays import I64, U8
-from scarfmt.coding.writer import Histogram, fitted_tables, layer_counts, model_blocks, record_tile
+from scarfmt.coding.writer import Histogram, QuantisedScene, fitted_tables, layer_counts, model_blocks, record_tile
 from scarfmt.container.directory import Table, tile_table
 from scarfmt.container.file import Block, HeaderFields, directory_row, encode_front, streams_of
 from scarfmt.container.schema import ENTRY_DTYPE, STREAM_COUNT, BlockKind, Stream
@@ -29,17 +29,20 @@ from scarfmt.entropy.keys import TableKey
 from scarfmt.entropy.symbol_tables import StaticTables, SymbolTable
 
 
-def count_symbols(fit: Fit, content: RangeContent) -> tuple[Histograms, RangeSymbols]:
-    """Count how often each symbol of a range comes under each table, layer after layer; and record the symbols."""
-    scene = fit.scene(content.tiles, content.contents)
+def count_symbols(scene: QuantisedScene, losses: I64) -> tuple[Histograms, RangeSymbols]:
+    """Count how often each symbol of a range comes under each table, layer after layer; and record the symbols.
+
+    Args:
+        scene, losses: of :func:`reference_encoder.out_of_core.fit.apply`.
+    """
     found, recorded = [], []
-    for layer in range(1, len(fit.model.layers) + 1):
+    for layer in range(1, len(scene.model.layers) + 1):
         counter, neural = SymbolCounter(), scene.neural(layer)
-        tiles = range(len(content.tiles))
+        tiles = range(len(scene.tiles))
         recorded.append(tuple(record_tile(scene, layer, tile, neural, counter) for tile in tiles))
         found.append(counter.histograms())
     anchors = np.array([anchors for anchors, _ in layer_counts(scene)], np.int64)
-    return Histograms(tuple(found), anchors, content.losses), RangeSymbols(content.tiles, tuple(recorded))
+    return Histograms(tuple(found), anchors, losses), (scene.tiles, tuple(recorded))
 
 
 def add_layer_histograms(parts: Sequence[Histogram]) -> dict[TableKey, tuple[I64, I64]]:
@@ -69,16 +72,15 @@ def add_histograms(parts: Sequence[Histograms]) -> Histograms:
 
 
 def build_models(
-    overview: Overview, fit: Fit, parts: Sequence[Histograms], metadata: Mapping[str, Any] | None = None
+    overview: Overview, fit: Fit, found: Histograms, metadata: Mapping[str, Any] | None = None
 ) -> Models:
     """Static tables of all layers, and the model blocks of the file.
 
     Args:
         overview, fit: of the scene.
-        parts: of all its ranges, or of groups of them (:func:`add_histograms`).
+        found: of all its ranges (:func:`add_histograms`).
         metadata: JSON-able annotations beside those of the options, such as ``quality``.
     """
-    found = add_histograms(parts)
     annotations = {ENCODE_REPORT: describe_encode(overview, found), **overview.options.metadata, **(metadata or {})}
     scene = replace(fit.scene((), ()), metadata=annotations)
     known = StaticTables()
@@ -102,7 +104,7 @@ def describe_encode(overview: Overview, found: Histograms) -> dict[str, Any]:
 def code_layers(models: Models, symbols: RangeSymbols) -> Iterator[tuple[U8, I64, bytes]]:
     """The TILE blocks of a range under the tables of the file, of each layer: the bytes of their rows in the directory,
     tiles numbered within the range; (kinds,) int64 bytes of each kind of stream; and their bytes."""
-    for layer, (tables, tiles) in enumerate(zip(models.tables, symbols.layers, strict=True), start=1):
+    for layer, (tables, tiles) in enumerate(zip(models.tables, symbols[1], strict=True), start=1):
         coded = (each.block(layer, tile, tables) for tile, each in enumerate(tiles))
         blocks = [block for block in coded if block is not None]
         streams = np.array([streams_of(block) for block in blocks], np.int64).reshape(-1, STREAM_COUNT).sum(axis=0)

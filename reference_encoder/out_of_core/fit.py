@@ -9,7 +9,7 @@ import numpy as np
 from reference_encoder.importance.attributes import Attributes, visible_attributes
 from reference_encoder.importance.sensitivity import Sensitivity, measure_sensitivity
 from reference_encoder.out_of_core.overview import Overview
-from reference_encoder.out_of_core.types import Measured, Range, RangeContent
+from reference_encoder.out_of_core.types import Measured, Range
 from reference_encoder.profiles.explicit import gaussian_channels, log_extent, view_dependent, wanted_step
 from reference_encoder.rdo.allocation import quantise_channel
 from reference_encoder.rdo.classes import ClassBounds, Classes, rank_by_coverage, rank_with_colour
@@ -96,12 +96,17 @@ def ranked(seen: Sensitivity, lambda_: float, shift: float, sh_degree: int) -> F
     return rank_with_colour(seen.absence, seen.colour, share, lambda_ * GAUSSIAN_BITS, shift)
 
 
-def apply(overview: Overview, fit: Fit, part: Range, scene: GaussianScene, measured: Measured) -> RangeContent:
-    """Tiles and all integers of a range.
+def apply(
+    overview: Overview, fit: Fit, part: Range, scene: GaussianScene, measured: Measured
+) -> tuple[QuantisedScene, I64]:
+    """Tiles and all integers of a range, and its losses (:class:`Histograms`).
 
     Args:
         overview, fit: of the whole scene.
         part, scene, measured: the range, its Gaussians, and what they weigh.
+
+    Returns:
+        A range of which nothing is worth sending has no tiles.
     """
     attributes = visible_attributes(scene, measured.pixel)
     seen = measure_sensitivity(attributes, measured)
@@ -110,7 +115,7 @@ def apply(overview: Overview, fit: Fit, part: Range, scene: GaussianScene, measu
     gone = int((left_out & invisible).sum()), int((left_out & ~invisible).sum())
     chosen = np.flatnonzero(every >= 0)
     if not len(chosen):
-        return RangeContent((), (), np.array([*gone, 0]))
+        return fit.scene((), ()), np.array([*gone, 0])
     attributes, seen = attributes.take(chosen), seen.take(chosen)
     wanted = wanted_step(seen, fit.lambda_)
     place = place_within(
@@ -124,9 +129,8 @@ def apply(overview: Overview, fit: Fit, part: Range, scene: GaussianScene, measu
         stream, steps = channel.stream, np.array([row[index] for row in model.layers[-1].steps])
         received = channel.first_width, steps
         integers[stream] = quantise_channel(values[stream], weights[stream], classes, received, fit.lambda_)
-    contents = cut_contents(model, place, classes, integers)
-    plain = ~view_dependent(fit.scene((), ()))[classes]
-    return RangeContent(place.tiles, contents, np.array([*gone, int(plain.sum())]))
+    whole = fit.scene(place.tiles, cut_contents(model, place, classes, integers))
+    return whole, np.array([*gone, int((~view_dependent(whole))[classes].sum())])
 
 
 def split_classes(fit: Fit, importance: I64, attributes: Attributes) -> I64:

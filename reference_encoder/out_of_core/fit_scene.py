@@ -10,10 +10,10 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
+from reference_encoder.encode import choose_layers
 from reference_encoder.importance.attributes import Attributes, visible_attributes
 from reference_encoder.importance.sensitivity import Sensitivity, measure_sensitivity
 from reference_encoder.judge.rate_control import RateControl
-from reference_encoder.options import EncodeOptions
 from reference_encoder.out_of_core.fit import Fit, LatentFit, ranked
 from reference_encoder.out_of_core.judge import combine_quality
 from reference_encoder.out_of_core.measure import concatenate_samples
@@ -24,9 +24,7 @@ from reference_encoder.rdo.allocation import allocate
 from reference_encoder.rdo.classes import find_class_bounds, measure_colour_shift
 from reference_encoder.rdo.curves import measure_curves, predict_lambda
 from reference_encoder.rdo.lattice import Placement, RootCube, count_lattice_bits, default_tile_size, place_within
-from reference_encoder.rdo.layers import LayeredInput, layer_by_rule, price_layers
 from reference_encoder.rdo.quantised_scene import header_fields
-from reference_encoder.rdo.rdo_input import RdoInput
 from reference_encoder.tuning import (
     GAUSSIAN_BITS,
     GAUSSIAN_LAMBDA_DB,
@@ -63,9 +61,9 @@ Prepared = tuple[Attributes, Sensitivity, float]
 
 def prepare_sample(overview: Overview, samples: Sequence[Sample]) -> Prepared:
     """Collect what is fitted to, from the samples of all ranges."""
-    whole = concatenate_samples(samples)
-    attributes = visible_attributes(whole.scene, whole.measured.pixel)
-    return attributes, measure_sensitivity(attributes, whole.measured), whole.count / len(whole.scene)
+    scene, measured = concatenate_samples(samples)
+    attributes = visible_attributes(scene, measured.pixel)
+    return attributes, measure_sensitivity(attributes, measured), overview.bounds.count / len(scene)
 
 
 def fit_sample(overview: Overview, sample: Prepared, quality: float) -> Fit:
@@ -84,7 +82,7 @@ def fit_sample(overview: Overview, sample: Prepared, quality: float) -> Fit:
     problem = gaussian_input(
         attributes, seen, every[kept], classes.count, placement, lambda_, bounds.count, repeat, bounds.description
     )
-    layered = _layer(problem, overview.options)
+    layered = choose_layers(problem, measure_curves(problem), overview.options.layers)
     latent = problem.latent
     return Fit(
         lambda_=lambda_,
@@ -108,10 +106,3 @@ def tile_anchors(overview: Overview) -> int:
     """Most anchors of a tile."""
     return overview.options.tile_anchors or default_tile_size(overview.bounds.count)
 
-
-def _layer(problem: RdoInput, options: EncodeOptions) -> LayeredInput:
-    curves = measure_curves(problem)
-    if options.layers > 1:
-        return layer_by_rule(problem, curves, options.layers)
-    last = price_layers(problem, curves).final
-    return LayeredInput(problem, curves, [last], last)

@@ -104,10 +104,8 @@ def judge(overview: Overview, fit: Fit, part: Range, shown: Pictures) -> F64:
         (2, V) for every view: its mean squared error, peak 1, 0 where the range is not seen; and the part of what the
         picture shows that the range makes up, 0..1.
     """
-    content = apply(overview, fit, part, shown.scene, shown.measured)
-    finished = shown.scene.rows(slice(0, 0))
-    if content.tiles:
-        finished = reconstruct_gaussians(fit.scene(content.tiles, content.contents))
+    whole, _ = apply(overview, fit, part, shown.scene, shown.measured)
+    finished = reconstruct_gaussians(whole) if whole.tiles else shown.scene.rows(slice(0, 0))
     cameras = cameras_of(overview, shown.view_set)
     error, cover = np.zeros(len(cameras)), np.zeros(len(cameras))
     drawn = each_view(partial(render, overview.drawn(part, finished, shown.runs)), [cameras[k] for k in shown.views])

@@ -165,7 +165,7 @@ def sample_range(overview: Overview, part: Range, scene: GaussianScene, measured
     order = np.lexsort((overview.bounds.paths(scene.positions), -importance_levels(measured, scene.sh_degree)))
     step = max(overview.bounds.count / SAMPLE_ROWS, 1.0)
     chosen = order[np.arange(0, len(order), step).astype(np.int64)]
-    return Sample(scene.take(chosen), take_rows(measured, chosen), len(scene))
+    return scene.take(chosen), take_rows(measured, chosen)
 
 
 def importance_levels(measured: Measured, sh_degree: int) -> I64:
@@ -183,6 +183,6 @@ def take_rows(measured: Measured, chosen: I64) -> Measured:
 
 def concatenate_samples(samples: Sequence[Sample]) -> Sample:
     """The samples of several ranges as one."""
-    parts = [vars(each.measured).values() for each in samples]
+    parts = [vars(measured).values() for _, measured in samples]
     measured = Measured(*(np.concatenate(columns) for columns in zip(*parts, strict=True)))
-    return Sample(concatenate([each.scene for each in samples]), measured, sum(each.count for each in samples))
+    return concatenate([scene for scene, _ in samples]), measured

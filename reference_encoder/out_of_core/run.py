@@ -18,7 +18,6 @@ from reference_encoder.out_of_core.judge import combine_quality
 from reference_encoder.out_of_core.scan import (
     DEEPER,
     DEPTH,
-    add_counts,
     bounds_of,
     count_chunk,
     counts_in,
@@ -54,10 +53,6 @@ SHARES = {
     "merge": 0.0015,
 }
 """Part of the time that each step takes of ten million Gaussians at effort 1, in the order of the steps."""
-
-
-TOGETHER = 32
-"""Counts or histograms that one task adds up."""
 
 T = TypeVar("T")
 
@@ -167,7 +162,8 @@ class _Chain:
         fit = self._fit(judging_ranges)
         quality = self._quality(judging_ranges)
         self._each("apply", tasks.apply_range, [(self.work, number) for number in numbers])
-        self._reduce(len(ranges), {"quality": quality.figures(), **bounds.description.metadata()})
+        metadata = {"quality": quality.figures(), **bounds.description.metadata()}
+        self._each("reduce", tasks.build_models, [(self.work, metadata)])
         rows = self._each("code", tasks.code_range, [(self.work, number) for number in numbers])
         self.report("merge", 0.0)
         size = write_file(self.work, fit.fields, self.work.get(tasks.MODELS), rows, target)
@@ -183,7 +179,7 @@ class _Chain:
         """
         self.report(step, 0.0)
         found: dict[int, T] = {}
-        for number, result, _is_new in self.workers.results_once(self.work, name or step, function, calls):
+        for number, result in self.workers.results_once(self.work, name or step, function, calls):
             found[number] = result
             self.report(step, len(found) / len(calls))
         return [found[number] for number in range(len(calls))]
@@ -201,12 +197,6 @@ class _Chain:
         names = [file_name(f"counts-{depth}", chunk.number) for chunk in chunks]
         calls = [(self.work, *one, *how) for one in zip(names, chunks, strict=True)]
         self._each("count", count_chunk, calls, f"count-{depth}")
-        while len(names) > TOGETHER:
-            groups = [names[first : first + TOGETHER] for first in range(0, len(names), TOGETHER)]
-            level = f"sums-{depth}-{len(groups)}"
-            names = [file_name(level, number) for number in range(len(groups))]
-            calls_of = [(self.work, name, group) for name, group in zip(names, groups, strict=True)]
-            self._each("count", add_counts, calls_of, level)
         return counts_in(self.work, names)
 
     def _fit(self, judging_ranges: Sequence[int]) -> Fit:
@@ -238,11 +228,3 @@ class _Chain:
         self._each("quality", tasks.render_range, calls, "pictures-report")
         judged = self._judged(judging_ranges, tasks.FIT, ViewSet.HELD_OUT, "judge-report", "quality")
         return combine_quality(self.work.get(tasks.OVERVIEW), judged, ViewSet.HELD_OUT)
-
-    def _reduce(self, ranges: int, metadata: dict[str, Any]) -> None:
-        """Models of the file."""
-        groups = [range(first, min(first + TOGETHER, ranges)) for first in range(0, ranges, TOGETHER)]
-        names = [file_name("sums", number) for number in range(len(groups))]
-        calls = [(self.work, name, group) for name, group in zip(names, groups, strict=True)]
-        self._each("reduce", tasks.add_histograms, calls, "sums")
-        self._each("reduce", tasks.build_models, [(self.work, names, metadata)])

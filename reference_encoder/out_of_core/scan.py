@@ -1,7 +1,7 @@
 """The first passes over a scene in chunks: whether it can be encoded, its bounds, and how many Gaussians lie where.
 
 Where: in the cells of the octree at one depth, by Morton code, only those that hold some. Counts add up, so that many
-chunks are counted side by side, and counts of some are added before they are handed on.
+chunks are counted side by side.
 """
 
 from __future__ import annotations
@@ -176,27 +176,23 @@ def count_chunk(
         at = np.minimum(np.searchsorted(crowded, above), len(crowded) - 1)
         codes = codes[crowded[at] == above]
     cells, counts = np.unique(codes, return_counts=True)
-    return _keep(work, name, cells, counts.astype(np.int64))
-
-
-def add_counts(work: WorkDir, name: str, names: Sequence[str]) -> int:
-    """Keep the sums of counts that were kept; returns the number of cells."""
-    return _keep(work, name, *counts_in(work, names))
-
-
-def counts_in(work: WorkDir, names: Sequence[str]) -> tuple[U64, I64]:
-    """Codes, ascending, and counts of all cells of some files of counts together."""
-    tables = [np.load(io.BytesIO(work.read(name))) for name in names]
-    cells, at = np.unique(np.concatenate([table[0] for table in tables]), return_inverse=True)
-    counts = np.zeros(len(cells), np.int64)
-    np.add.at(counts, at, np.concatenate([table[1] for table in tables]).astype(np.int64))
-    return cells, counts
-
-
-def _keep(work: WorkDir, name: str, cells: U64, counts: I64) -> int:
     with work.write(name) as stream:
         np.save(stream, np.stack([cells, counts.astype(np.uint64)]))
     return len(cells)
+
+
+def counts_in(work: WorkDir, names: Sequence[str]) -> tuple[U64, I64]:
+    """Codes, ascending, and counts of all cells of some files of counts together; halves of them are added first."""
+    if len(names) == 1:
+        cells, counts = np.load(io.BytesIO(work.read(names[0])))
+        return cells, counts.astype(np.int64)
+    half = len(names) // 2
+    parts = counts_in(work, names[:half]), counts_in(work, names[half:])
+    codes, counts = (np.concatenate(columns) for columns in zip(*parts, strict=True))
+    cells, at = np.unique(codes, return_inverse=True)
+    total = np.zeros(len(cells), np.int64)
+    np.add.at(total, at, counts)
+    return cells, total
 
 
 def first_cells(codes: U64, counts: I64, depth: int) -> Cells:

@@ -5,7 +5,6 @@ Arguments and results are small. What a process reads for one task it keeps for 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
@@ -18,7 +17,7 @@ from reference_encoder.out_of_core import bins, code, judge, measure, overview
 from reference_encoder.out_of_core.fit import Fit, apply
 from reference_encoder.out_of_core.overview import Overview
 from reference_encoder.out_of_core.source import Chunk
-from reference_encoder.out_of_core.types import Bounds, Models, Range, Rows, Sample
+from reference_encoder.out_of_core.types import Bounds, Histograms, Models, Range, Rows, Sample
 from reference_encoder.out_of_core.work_dir import WorkDir, file_name, file_version
 from scarfmt.arrays import F64, I64, U8
 from scarfmt.scene.gaussians import GaussianScene
@@ -27,7 +26,7 @@ SCENE, OVERVIEW, FIT, MODELS = "scene", "overview", "fit", "models"
 """Names of files of which there is one."""
 FOLDERS = (
     *("bins", "summaries", "measured", "samples", "pictures-loop", "pictures-report", "fits"),
-    *("histograms", "symbols", "sums", "segments"),
+    *("histograms", "symbols", "segments"),
 )
 """Folders of files of which there are several; those of counts are named by their depth."""
 _CACHED = 4
@@ -129,20 +128,17 @@ def apply_range(work: WorkDir, number: int) -> None:
     part, rows = _range(work, number)
     fit: Fit = read_cached(work, FIT)
     content = apply(_overview(work), fit, part, rows, work.get(file_name("measured", number)))
-    counted, symbols = code.count_symbols(fit, content)
+    counted, symbols = code.count_symbols(*content)
     work.put(file_name("symbols", number), symbols)
     work.put(file_name("histograms", number), counted)
 
 
-def add_histograms(work: WorkDir, name: str, numbers: Sequence[int]) -> None:
-    """Keep the histograms of some ranges as one."""
-    work.put(name, code.add_histograms([work.get(file_name("histograms", number)) for number in numbers]))
-
-
-def build_models(work: WorkDir, names: Sequence[str], metadata: dict[str, Any]) -> None:
-    """Keep the models of the file, from histograms of all its ranges."""
-    histograms = [work.get(name) for name in names]
-    work.put(MODELS, code.build_models(_overview(work), read_cached(work, FIT), histograms, metadata))
+def build_models(work: WorkDir, metadata: dict[str, Any]) -> None:
+    """Keep the models of the file, from histograms of all its ranges, of which few are in memory at once."""
+    found: list[Histograms] = []
+    for part in _scene(work).ranges:
+        found = [code.add_histograms([*found, work.get(file_name("histograms", part.number))])]
+    work.put(MODELS, code.build_models(_overview(work), read_cached(work, FIT), found[0], metadata))
 
 
 def code_range(work: WorkDir, number: int) -> Rows:
@@ -154,4 +150,4 @@ def code_range(work: WorkDir, number: int) -> Rows:
             stream.write(payload)
             layers.append(rows)
             sizes.append(stream_bytes)
-    return Rows(symbols.tiles, tuple(layers), np.stack(sizes))
+    return Rows(symbols[0], tuple(layers), np.stack(sizes))

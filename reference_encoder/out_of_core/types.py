@@ -10,8 +10,8 @@
     pictures       some ranges   Pictures      of the source, to judge by; which ranges: `Overview.judging`
     fit            all samples   Fit           all that is decided for the whole scene, at one lambda
     judge          those ranges  errors        of pictures of a range under a Fit, by which lambda is corrected
-    apply          each range    RangeContent  tiles and all integers of the range
-                                 Histograms    how often each symbol comes under each table; and the symbols
+    apply          each range    Histograms    tiles and all integers of the range; how often each symbol comes under
+                                 RangeSymbols  each table; and the symbols
     reduce         all of these  Models        static tables, and the model blocks of every layer
     code, merge    each range    Rows          TILE blocks, and the file
 
@@ -28,7 +28,6 @@ import numpy as np
 
 from reference_encoder.rdo.lattice import RootCube
 from scarfmt.arrays import F32, F64, I64, U8, U64
-from scarfmt.coding.tile import TileContent
 from scarfmt.coding.writer import Histogram, RecordedTile
 from scarfmt.container.directory import Table, Tile
 from scarfmt.container.file import Block
@@ -99,34 +98,8 @@ class Measured:
     largest: F32
 
 
-@dataclass(frozen=True)
-class Sample:
-    """Rows of one range, or of several.
-
-    Attributes:
-        scene: the Gaussians.
-        measured: what they weigh.
-        count: Gaussians that they stand for.
-    """
-
-    scene: GaussianScene
-    measured: Measured
-    count: int
-
-
-@dataclass(frozen=True)
-class RangeContent:
-    """All integers of a range.
-
-    Attributes:
-        tiles, contents: ascending, within the range; a range of which nothing is worth sending has none.
-        losses: (3,) int64 Gaussians that are not in the file as they were: left out because they are invisible, or
-            faint, and sent without colour beyond degree 0.
-    """
-
-    tiles: tuple[Tile, ...]
-    contents: tuple[TileContent, ...]
-    losses: I64
+Sample = tuple[GaussianScene, Measured]
+"""Some Gaussians of a range, of every range the same share, and what they weigh."""
 
 
 @dataclass(frozen=True)
@@ -136,7 +109,8 @@ class Histograms:
     Attributes:
         layers: of each layer.
         anchors: (layers,) int64 anchors up to each layer.
-        losses: as :class:`RangeContent` has them.
+        losses: (3,) int64 Gaussians that are not in the file as they were: left out because they are invisible, or
+            faint, and sent without colour beyond degree 0.
     """
 
     layers: tuple[Histogram, ...]
@@ -144,17 +118,8 @@ class Histograms:
     losses: I64
 
 
-@dataclass(frozen=True)
-class RangeSymbols:
-    """All symbols of a range, to be coded once the tables of the file are known.
-
-    Attributes:
-        tiles: of the range.
-        layers: of each layer, what each tile says.
-    """
-
-    tiles: tuple[Tile, ...]
-    layers: tuple[tuple[RecordedTile, ...], ...]
+RangeSymbols = tuple[tuple[Tile, ...], tuple[tuple[RecordedTile, ...], ...]]
+"""The tiles of a range and, of each layer, the symbols of each: coded once the tables of the file are known."""
 
 
 @dataclass(frozen=True)

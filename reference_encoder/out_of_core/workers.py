@@ -102,8 +102,8 @@ class Workers:
 
     def results_once(
         self, work: WorkDir, step: str, function: Callable[..., T], tasks: Sequence[tuple[Any, ...]]
-    ) -> Iterator[tuple[int, T, bool]]:
-        """(Number, result, whether it was done now) of every task of a step, first of those that had been done.
+    ) -> Iterator[tuple[int, T]]:
+        """(Number, result) of every task of a step, first of those that had been done.
 
         Args:
             work: holds a file for each result, which the worker writes last.
@@ -116,12 +116,12 @@ class Workers:
         left = []
         for number in range(len(tasks)):
             if f"{number:06}" in known:
-                yield number, work.get(f"{folder}/{number:06}"), False
+                yield number, work.get(f"{folder}/{number:06}")
             else:
                 left.append(number)
         calls = [(work, f"{folder}/{number:06}", function, tasks[number]) for number in left]
         for place, found in self.results(do_and_keep, calls):
-            yield left[place], found, True
+            yield left[place], found
 
 
 def do_and_keep(work: WorkDir, name: str, function: Callable[..., T], arguments: tuple[Any, ...]) -> T:

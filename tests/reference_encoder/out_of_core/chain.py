@@ -11,16 +11,16 @@ from pathlib import Path
 import numpy as np
 
 from reference_encoder.options import EncodeOptions
-from reference_encoder.out_of_core.code import build_models, code_layers, count_symbols
+from reference_encoder.out_of_core.code import add_histograms, build_models, code_layers, count_symbols
 from reference_encoder.out_of_core.fit import Fit, apply
 from reference_encoder.out_of_core.fit_scene import fit_scene
 from reference_encoder.out_of_core.judge import combine_quality, judge, render_pictures
 from reference_encoder.out_of_core.measure import measure, sample_range
 from reference_encoder.out_of_core.overview import Overview, build_overview, summarise_range
-from reference_encoder.out_of_core.types import Bounds, Measured, Models, Range, RangeContent, Rows
+from reference_encoder.out_of_core.types import Bounds, Measured, Models, Range, Rows
 from reference_encoder.rdo.lattice import cut_cubes
-from scarfmt.arrays import F64
-from scarfmt.coding.writer import write_scene
+from scarfmt.arrays import F64, I64
+from scarfmt.coding.writer import QuantisedScene, write_scene
 from scarfmt.container.schema import BlockKind
 from scarfmt.formats import load
 from scarfmt.limits import MAX_TILE_DEPTH
@@ -72,16 +72,15 @@ class Chain:
     ranges: Sequence[tuple[Range, GaussianScene]]
     measured: Sequence[Measured]
     fit: Fit
-    contents: Sequence[RangeContent]
+    contents: Sequence[tuple[QuantisedScene, I64]]
     models: Models
     segments: Sequence[tuple[Rows, Sequence[bytes]]]
 
     @property
-    def whole(self) -> RangeContent:
+    def whole(self) -> QuantisedScene:
         """All ranges as one."""
-        tiles = tuple(tile for each in self.contents for tile in each.tiles)
-        losses = np.sum([each.losses for each in self.contents], axis=0)
-        return RangeContent(tiles, tuple(content for each in self.contents for content in each.contents), losses)
+        tiles = tuple(tile for scene, _ in self.contents for tile in scene.tiles)
+        return self.fit.scene(tiles, tuple(content for scene, _ in self.contents for content in scene.contents))
 
 
 def overviewed(
@@ -108,16 +107,17 @@ def encoded(size: int) -> Chain:
     fit = fit_scene(overview, samples, judged)
     quality = combine_quality(overview, judged(fit))
     contents = [apply(overview, fit, *each, weights) for each, weights in zip(ranges, measured, strict=True)]
-    counted = [count_symbols(fit, content) for content in contents]
-    models = build_models(overview, fit, [found for found, _ in counted], {"quality": quality.figures()})
+    counted = [count_symbols(*content) for content in contents]
+    histograms = add_histograms([found for found, _ in counted])
+    models = build_models(overview, fit, histograms, {"quality": quality.figures()})
     segments = []
     for _, symbols in counted:
         rows, sizes, payloads = zip(*code_layers(models, symbols), strict=True)
-        segments.append((Rows(symbols.tiles, rows, np.stack(sizes)), payloads))
+        segments.append((Rows(symbols[0], rows, np.stack(sizes)), payloads))
     return Chain(overview, ranges, measured, fit, contents, models, segments)
 
 
 def written(chain: Chain) -> bytes:
     """All ranges gathered, and written with the models of the chain."""
     metadata = next(block.payload for block in chain.models.blocks if block.kind == BlockKind.METADATA)
-    return write_scene(replace(chain.fit.scene(chain.whole.tiles, chain.whole.contents), metadata=json.loads(metadata)))
+    return write_scene(replace(chain.whole, metadata=json.loads(metadata)))

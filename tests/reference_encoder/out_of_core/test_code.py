@@ -11,7 +11,7 @@ import numpy as np
 
 from reference_decoder.decode import decode
 from reference_encoder.out_of_core.code import add_histograms, build_models, count_symbols, write_file
-from reference_encoder.out_of_core.types import RangeContent, Rows
+from reference_encoder.out_of_core.types import Rows
 from reference_encoder.out_of_core.work_dir import WorkDir, file_name
 from scarfmt.container.schema import BlockKind
 from scarfmt.render.camera import orbit_cameras
@@ -30,10 +30,10 @@ def test_the_file_looks_like_the_scene() -> None:
 
 def test_histograms_add_up_in_any_order_and_groups() -> None:
     chain = encoded(SIZE)
-    parts = [count_symbols(chain.fit, content)[0] for content in chain.contents]
+    parts = [count_symbols(*content)[0] for content in chain.contents]
     grouped = [add_histograms(parts[2:]), add_histograms(parts[:2])]
     told = {"quality": json.loads(metadata(chain))["quality"]}
-    assert build_models(chain.overview, chain.fit, grouped, told).blocks == chain.models.blocks
+    assert build_models(chain.overview, chain.fit, add_histograms(grouped), told).blocks == chain.models.blocks
 
 
 def metadata(chain: Chain) -> bytes:
@@ -43,8 +43,8 @@ def metadata(chain: Chain) -> bytes:
 
 def test_a_range_of_which_nothing_is_sent_has_no_blocks() -> None:
     chain = encoded(SIZE)
-    found, symbols = count_symbols(chain.fit, RangeContent((), (), np.array([3, 4, 0])))
-    assert not any(symbols.layers)
+    found, symbols = count_symbols(chain.fit.scene((), ()), np.array([3, 4, 0]))
+    assert not any(symbols[1])
     assert not any(found.layers)
     assert not found.anchors.any()
     assert found.losses.tolist() == [3, 4, 0]

@@ -11,7 +11,7 @@ from reference_decoder.decode import decode
 from reference_encoder.encode import encode
 from reference_encoder.out_of_core import measure as module
 from reference_encoder.out_of_core.fit_scene import fit_sample, prepare_sample
-from reference_encoder.out_of_core.measure import importance_levels, sample_range
+from reference_encoder.out_of_core.measure import importance_levels, sample_range, take_rows
 from reference_encoder.out_of_core.types import Sample
 from scarfmt.container.file import Container
 from scarfmt.container.registries import Stream
@@ -30,10 +30,9 @@ def samples(every: int) -> list[Sample]:
     chain = encoded(SIZE)
     found = []
     for (part, scene), weights in zip(chain.ranges, chain.measured, strict=True):
-        whole = sample_range(chain.overview, part, scene, weights)
-        rows = np.arange(0, len(whole.scene), every)
-        taken = type(weights)(*(values[rows] for values in vars(whole.measured).values()))
-        found.append(Sample(whole.scene.take(rows), taken, whole.count))
+        sampled, measured = sample_range(chain.overview, part, scene, weights)
+        rows = np.arange(0, len(sampled), every)
+        found.append((sampled.take(rows), take_rows(measured, rows)))
     return found
 
 
@@ -42,8 +41,8 @@ def test_a_sample_has_its_share_of_every_level_and_some_of_the_highest(monkeypat
     (part, scene), weights = chain.ranges[0], chain.measured[0]
     every = importance_levels(weights, scene.sh_degree)
     monkeypatch.setattr(module, "SAMPLE_ROWS", chain.overview.bounds.count // 7)
-    found = sample_range(chain.overview, part, scene, weights)
-    there = importance_levels(found.measured, found.scene.sh_degree)
+    sampled, measured = sample_range(chain.overview, part, scene, weights)
+    there = importance_levels(measured, sampled.sh_degree)
     assert len(there) == pytest.approx(len(every) / 7, abs=1)
     assert there.max() == every.max()
     for level in np.unique(every):
@@ -81,8 +80,8 @@ def test_ranges_take_about_as_much_as_the_scene_in_memory() -> None:
 
 def test_tiles_stay_in_their_range() -> None:
     chain = encoded(SIZE)
-    for (part, _), content in zip(chain.ranges, chain.contents, strict=True):
-        for tile in content.tiles:
+    for (part, _), (whole, _) in zip(chain.ranges, chain.contents, strict=True):
+        for tile in whole.tiles:
             free = 3 * (MAX_TILE_DEPTH - tile.depth)
             assert part.first <= tile.prefix << free
             assert (tile.prefix + 1) << free <= part.past
@@ -90,5 +89,5 @@ def test_tiles_stay_in_their_range() -> None:
 
 def test_every_gaussian_is_in_the_file_or_told_to_be_left_out() -> None:
     chain = encoded(SIZE)
-    for (part, _), content in zip(chain.ranges, chain.contents, strict=True):
-        assert sum(map(len, content.contents)) + content.losses[:2].sum() == part.count
+    for (part, _), (whole, losses) in zip(chain.ranges, chain.contents, strict=True):
+        assert sum(map(len, whole.contents)) + losses[:2].sum() == part.count

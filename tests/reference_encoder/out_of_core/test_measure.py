@@ -61,11 +61,10 @@ def test_one_range_is_judged_as_the_scene_is() -> None:
     weights = measure(overview, part, scene)
     shown = render_pictures(overview, part, scene, weights)
     found = combine_quality(overview, [judge(overview, chain.fit, part, shown)])
-    content = apply(overview, chain.fit, part, scene, weights)
+    whole, _ = apply(overview, chain.fit, part, scene, weights)
     views = overview.views[ViewSet.TUNING]
     expected = Judge.of(scene, draw_gaussians, views, cap_db(OPTIONS.asked_db))
-    finished = reconstruct_gaussians(chain.fit.scene(content.tiles, content.contents))
-    assert found.mean_db == pytest.approx(expected.quality(finished).mean_db)
+    assert found.mean_db == pytest.approx(expected.quality(reconstruct_gaussians(whole)).mean_db)
 
 
 def test_a_piece_of_a_range_and_proxies_of_the_rest_stand_for_all(monkeypatch: pytest.MonkeyPatch) -> None:
