@@ -6,7 +6,7 @@ coded stage by stage. A symbol is one of the codebook, or a cluster and then a m
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -15,11 +15,11 @@ from numpy.typing import NDArray
 from scarfmt.arrays import F32, I16, I32, I64, Ints
 from scarfmt.entropy.emitters import Emitter
 from scarfmt.entropy.symbol_reader import SymbolReader
-from scarfmt.neural.context import CellSums, count_features
+from scarfmt.neural.context import count_features
 from scarfmt.neural.evaluator import Blocks, Evaluator
 from scarfmt.neural.grid import HashGrid
 from scarfmt.neural.layer_context import LayerContext
-from scarfmt.neural.network import IndexNetwork
+from scarfmt.neural.network import IndexNetwork, Inputs
 from scarfmt.scene.model import Codebooks
 
 CLASS_VALUE = 64
@@ -52,45 +52,72 @@ def index_coder(network: IndexNetwork, books: Codebooks, grid: HashGrid | None =
 Exchange = Callable[[int, I64, F32], None]
 
 
-@dataclass(frozen=True)
-class Around:
-    """The inputs of the embedding in a tile-layer.
+def embedding_inputs(
+    inputs: Inputs,
+    amax: int,
+    books: Codebooks,
+    grid: HashGrid | None,
+    context: LayerContext,
+    indices: Ints,
+    stages: tuple[I64, I64],
+) -> Iterator[tuple[I64, F32]]:
+    """The anchors that get indices in a tile-layer, pass by pass, each with the input columns of SPEC §10.5.
 
-    Attributes:
-        context: of the tile-layer.
-        settled: (n, A) int32 fine values of the attribute channels.
-        means: over the anchors whose indices are known.
-        grid: (n, features) int16 of the anchors to be coded.
+    The indices of a pass must be in `indices` before the next is asked for.
+
+    Args:
+        inputs: which columns there are; they are clamped to `amax`.
+        books: the codebooks, of which latents are the sums.
+        grid: the hash grid, if columns are its features.
+        context: with every channel settled for this layer.
+        indices: (n, stages) int16 codeword numbers.
+        stages: two (n,), before and after this layer.
+
+    Yields:
+        (m,) anchors, and (m, width) float32 integers.
     """
+    before, after = stages
+    settled, width = context.settled(), inputs.latents
+    means = context.sums(settled.shape[1] + width)
+    known, cohort = np.flatnonzero(before > 0), np.flatnonzero(before < after)
+    means.add(context.rows(known), _seen(settled, books, indices, known, before, width))
+    features = _grid_features(grid, context, before < after)
+    for part in context.parts(cohort):
+        x = np.zeros((len(part), inputs.width), np.float32)
+        kinds = context.classes[part]
+        some = np.flatnonzero(kinds < inputs.classes)
+        x[some, kinds[some]] = CLASS_VALUE
+        at = inputs.classes
+        if inputs.own:
+            x[:, at : at + inputs.attributes] = settled[part] >> _ATTRIBUTE_SHIFT
+            at += inputs.attributes
+        around, counts = means.around(context.rows(part))
+        for depth in range(inputs.depths):
+            mean, latents = np.split(around[:, depth], [inputs.attributes], axis=1)
+            x[:, at : at + inputs.attributes] = np.floor(mean * 2.0**-_ATTRIBUTE_SHIFT)
+            at += inputs.attributes
+            x[:, at : at + width] = np.floor(latents * 2.0**-inputs.latent_shift + 0.5 * (inputs.latent_shift > 0))
+            x[:, at + width] = count_features(counts[:, depth])
+            at += width + 1
+        x[:, at:] = features[part]
+        yield part, np.clip(x, -amax, amax, out=x)
+        # An anchor refined in this layer now counts twice: as it was before the layer and as it is after it.
+        means.add(context.rows(part), _seen(settled, books, indices, part, after, width))
 
-    context: LayerContext
-    settled: I32
-    means: CellSums
-    grid: I16
+
+def _seen(settled: I32, books: Codebooks, indices: Ints, rows: I64, stages: I64, width: int) -> I64:
+    """(m, A + width) what others see of the anchors `rows` at (n,) `stages`: attributes and first latents."""
+    return np.concatenate([settled[rows], books.latents(indices[rows], stages[rows], width)], axis=1)
 
 
-def embedding_inputs(coder: IndexCoder, known: Around, part: I64) -> F32:
-    """(m, width) float32 integers: the input columns of the anchors `part`, clamped (SPEC §10.5)."""
-    inputs, amax = coder.network.inputs, coder.network.amax
-    x = np.zeros((len(part), inputs.width), np.float32)
-    kinds = known.context.classes[part]
-    some = np.flatnonzero(kinds < inputs.classes)
-    x[some, kinds[some]] = CLASS_VALUE
-    at = inputs.classes
-    if inputs.own:
-        x[:, at : at + inputs.attributes] = known.settled[part] >> _ATTRIBUTE_SHIFT
-        at += inputs.attributes
-    around, counts = known.means.around(known.context.rows(part))
-    width = inputs.attributes + inputs.latents
-    for depth in range(inputs.depths):
-        mean = around[:, depth]
-        x[:, at : at + inputs.attributes] = np.floor(mean[:, : inputs.attributes] * 2.0**-_ATTRIBUTE_SHIFT)
-        rounded = np.floor(mean[:, inputs.attributes :] * 2.0**-inputs.latent_shift + 0.5 * (inputs.latent_shift > 0))
-        x[:, at + inputs.attributes : at + width] = rounded
-        x[:, at + width] = count_features(counts[:, depth])
-        at += width + 1
-    x[:, at:] = known.grid[part]
-    return np.clip(x, -amax, amax, out=x)
+def _grid_features(grid: HashGrid | None, context: LayerContext, wanted: NDArray[np.bool_]) -> I16:
+    """(n, features) int16 of the hash grid at the anchors `wanted`, (n,) bool; 0 at others."""
+    out = np.zeros((len(context), 0 if grid is None else grid.width), np.int16)
+    if grid is not None and wanted.any():
+        # In Morton order, in which neighbours share cells.
+        ordered = context.by_code[wanted[context.by_code]]
+        out[ordered] = context.grid_features(grid, ordered)
+    return out
 
 
 def _read_symbols(reader: SymbolReader, coder: IndexCoder, stage: int, mixed: F32, count: int) -> I64:
@@ -157,34 +184,16 @@ def _code(
     exchange: Exchange,
 ) -> None:
     before, after = stages
-    settled = context.settled()
-    width = coder.network.inputs.latents
-    latents = coder.books.latents(indices, before, width)
-    means = context.sums(settled.shape[1] + width)
-    known = np.flatnonzero(before > 0)
-    means.add(context.rows(known), np.concatenate([settled[known], latents[known]], axis=1))
-    cohort = np.flatnonzero(before < after)
-    around = Around(context, settled, means, grid_features(coder, context, before < after))
-    for part in context.parts(cohort):
-        inputs = embedding_inputs(coder, around, part)
-        _code_pass(coder, around, part, inputs, indices, (before[part], after[part]), exchange)
-        decoded = coder.books.latents(indices[part], after[part], width)
-        means.add(context.rows(part), np.concatenate([settled[part], decoded], axis=1))
-
-
-def grid_features(coder: IndexCoder, context: LayerContext, wanted: NDArray[np.bool_]) -> I16:
-    """(n, features) int16 of the hash grid at the anchors `wanted`, (n,) bool; 0 at others."""
-    out = np.zeros((len(context), 0 if coder.grid is None else coder.grid.width), np.int16)
-    if coder.grid is not None and wanted.any():
-        # In Morton order, in which neighbours share cells.
-        ordered = context.by_code[wanted[context.by_code]]
-        out[ordered] = context.grid_features(coder.grid, ordered)
-    return out
+    network = coder.network
+    for part, inputs in embedding_inputs(
+        network.inputs, network.amax, coder.books, coder.grid, context, indices, stages
+    ):
+        _code_pass(coder, context, part, inputs, indices, (before[part], after[part]), exchange)
 
 
 def _code_pass(
     coder: IndexCoder,
-    around: Around,
+    context: LayerContext,
     part: I64,
     inputs: F32,
     indices: Ints,
@@ -192,7 +201,7 @@ def _code_pass(
     exchange: Exchange,
 ) -> None:
     """All stages of the anchors of one pass; the recurrent state runs over stages received earlier, too."""
-    evaluator, observer = coder.evaluator, around.context.observer
+    evaluator, observer = coder.evaluator, context.observer
     before, after = stages
     embedded = evaluator.embed(inputs)
     if observer is not None:

@@ -20,11 +20,12 @@ import numpy as np
 from reference_encoder.tuning import FEWEST_CLUSTERED
 from scarfmt.arrays import F64, I16, I64
 from scarfmt.codecs.channels import coarsen
+from scarfmt.codecs.neural_indices import embedding_inputs
 from scarfmt.coding.tile import TileContent
 from scarfmt.coding.writer import QuantisedScene
 from scarfmt.container.directory import TileFrame, tile_frame
-from scarfmt.neural.context import CellMeans, CellSums, count_features, depth_shifts, fine, passes
-from scarfmt.neural.layer_context import cell_centres
+from scarfmt.neural.arithmetic import MAX_ACTIVATION_BITS, amplitude
+from scarfmt.neural.layer_context import LayerContext, cell_centres
 from scarfmt.neural.network import Inputs
 from scarfmt.scene.model import Codebooks, SceneModel
 
@@ -92,11 +93,8 @@ def _recode(model: SceneModel, content: TileContent, orders: Sequence[I64]) -> T
     return replace(content, indices=indices.astype(np.int16))
 
 
-CLASS_VALUE = 64
-"""Input of the column of an anchor's class; all other class columns are 0."""
-ATTRIBUTE_SHIFT = 6
-_WIDEST = 2047
-"""Inputs are clamped to this at most: activations have at most 12 bits."""
+_WIDEST = amplitude(MAX_ACTIVATION_BITS)
+"""Inputs are clamped to what the widest activations hold."""
 
 
 @dataclass(frozen=True)
@@ -145,15 +143,15 @@ def index_rows(scene: QuantisedScene, own: bool, latents: int, most: int | None 
     total = sum(int((model.stages(k, classes) > model.stages(k - 1, classes)).sum()) for k in layers)
     share = 1.0 if most is None or most >= total else most / max(total, 1)
     draw = np.random.default_rng(seed)
-    width, none = describe_inputs(model, own, latents, 0).width, np.zeros(0, np.int64)
+    inputs, none = describe_inputs(model, own, latents, 0), np.zeros(0, np.int64)
     no_codes = np.zeros((0, model.max_stages), np.int16)
-    parts = [(np.zeros((0, width), np.int16), none, none, no_codes, np.zeros((0, 3), np.int64))]
+    parts = [(np.zeros((0, inputs.width), np.int16), none, none, no_codes, np.zeros((0, 3), np.int64))]
     for tile, content in zip(scene.tiles, scene.contents, strict=True):
         frame = tile_frame(scene.fields, tile)
         for layer in layers:
-            parts += _layer_rows(scene, content, frame, layer, own, latents, share, draw)
-    inputs, before, after, codes, positions = (np.concatenate(column) for column in zip(*parts, strict=True))
-    return IndexRows(inputs, before, after, codes, positions, int(model.stages(len(layers), classes).sum()))
+            parts += _layer_rows(scene, content, frame, layer, inputs, share, draw)
+    rows, before, after, codes, positions = (np.concatenate(column) for column in zip(*parts, strict=True))
+    return IndexRows(rows, before, after, codes, positions, int(model.stages(len(layers), classes).sum()))
 
 
 def _layer_rows(
@@ -161,78 +159,29 @@ def _layer_rows(
     content: TileContent,
     frame: TileFrame,
     layer: int,
-    own: bool,
-    latents: int,
+    inputs: Inputs,
     share: float,
     draw: np.random.Generator,
 ) -> Iterator[tuple[I16, I64, I64, I16, I64]]:
     """The rows of a layer of a tile, the first five attributes of `IndexRows`; nothing where it has none."""
     model, books = scene.model, scene.codebooks
     assert books is not None
-    known = np.flatnonzero(content.classes < model.layers[layer - 1].class_count)
-    # Stable: anchors of equal code keep their order in the tile.
-    order = known[np.argsort(content.codes[known], kind="stable")]
-    classes, codes = content.classes[order], content.codes[order]
+    content = content.head(int((content.classes < model.layers[layer - 1].class_count).sum()))
+    classes = content.classes
     before, after = model.stages(layer - 1, classes), model.stages(layer, classes)
-    group = np.flatnonzero(before < after)
-    if not len(group):
+    if not (before < after).any():
         return
-    wanted = group[draw.random(len(group)) < share] if share < 1 else group
-    attributes = _attribute_values(model, layer, content, order)
-    parts = [(classes[wanted, None] == np.arange(model.layers[-1].class_count)) * CLASS_VALUE]
-    if own:
-        parts.append(np.clip(attributes[wanted] >> ATTRIBUTE_SHIFT, -_WIDEST, _WIDEST))
-    if model.context.occupancies:
-        cells = CellMeans(codes, depth_shifts(codes, frame.bits, model.context.occupancies))
-        leading = Codebooks(books.coarse[:, :latents], books.residual[:, :latents])
-        indices = content.indices[order].astype(np.int64)
-        values = [np.concatenate([attributes, leading.latents(indices, each)], axis=1) for each in (before, after)]
-        parts.append(_means(cells, attributes.shape[1], values, (before, after), model.context.passes_log2, wanted))
-    inputs = np.concatenate(parts, axis=1).astype(np.int16)
-    positions = cell_centres(frame, codes[wanted])
-    yield inputs, before[wanted], after[wanted], content.indices[order[wanted]], positions
-
-
-def _means(
-    cells: CellMeans, columns: int, values: Sequence[I64], stages: tuple[I64, I64], passes_log2: int, wanted: I64
-) -> I64:
-    """(w, depths * (A + L + 1)) int64 inputs from cell means, pass by pass, as the decoder will compute them.
-
-    Args:
-        columns: A, attribute components, which `values` begin with.
-        values: two (n, A + L), before and after the layer, by ascending (code, index).
-        stages: two (n,), received before and after the layer.
-        wanted: (w,) ascending rows that get a stage in the layer.
-    """
-    (before, after), width = stages, values[0].shape[1]
-    out = np.empty((len(wanted), cells.depths, width + 1), np.int64)
-    place = np.full(len(before), -1)
-    place[wanted] = np.arange(len(wanted))
-    known, group = np.flatnonzero(before > 0), np.flatnonzero(before < after)
-    sums = CellSums(cells, width)
-    sums.add(known, values[0][known])
-    for part in passes(len(group), passes_log2):
-        members = group[part]
-        here = members[place[members] >= 0]
-        means, counts = sums.around(here)
-        whole, rows = means.astype(np.int64), place[here]
-        out[rows, :, :columns] = whole[:, :, :columns] >> ATTRIBUTE_SHIFT
-        out[rows, :, columns:-1] = whole[:, :, columns:]
-        out[rows, :, -1] = count_features(counts)
-        # An anchor refined in this layer now counts twice: as it was before the layer and as it is after it.
-        sums.add(members, values[1][members])
-    return np.clip(out, -_WIDEST, _WIDEST).reshape(len(wanted), cells.depths * (width + 1))
-
-
-def _attribute_values(model: SceneModel, layer: int, content: TileContent, order: I64) -> I64:
-    """(n, A) int64 fixed-point values of the attribute channels after `layer`, anchors in `order`."""
-    last, classes = len(model.layers), content.classes[order]
-    out = [np.zeros((len(order), 0), np.int64)]
+    context = LayerContext(model, frame, content.codes, classes)
     for index in model.attributes:
-        steps, final = model.steps(layer, index, classes), model.steps(last, index, classes)
-        now = coarsen(content.values[index][order], (final - steps)[:, None])
-        out.append(fine(now, steps))
-    return np.concatenate(out, axis=1)
+        steps, final = model.steps(layer, index, classes), model.steps(len(model.layers), index, classes)
+        context.settle(index, coarsen(content.values[index], (final - steps)[:, None]), steps)
+    columns = np.zeros((len(classes), inputs.width), np.int16)
+    for part, x in embedding_inputs(inputs, _WIDEST, books, None, context, content.indices, (before, after)):
+        columns[part] = x
+    group = context.by_code[(before < after)[context.by_code]]
+    wanted = group[draw.random(len(group)) < share] if share < 1 else group
+    positions = cell_centres(frame, content.codes[wanted])
+    yield columns[wanted], before[wanted], after[wanted], content.indices[wanted], positions
 
 
 def describe_inputs(model: SceneModel, own: bool, latents: int, grid_features: int) -> Inputs:

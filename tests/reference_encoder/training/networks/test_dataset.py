@@ -2,24 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
-from typing import Any
+from dataclasses import replace
 
 import numpy as np
-import pytest
 from numpy.typing import NDArray
 
 from fuzz.testing.scenes import random_scene
 from reference_encoder.training.networks.dataset import IndexRows, cluster, index_rows
-from scarfmt.codecs.channels import coarsen
-from scarfmt.codecs.neural_indices import IndexCoder, put_neural_indices
-from scarfmt.coding.tile import TileContent
 from scarfmt.coding.writer import QuantisedScene
-from scarfmt.container.directory import tile_frame
 from scarfmt.container.schema import Profile, Stream
-from scarfmt.neural.layer_context import LayerContext
-from scarfmt.neural.network import Inputs
-from scarfmt.scene.model import DecodedContext, SceneModel
+from scarfmt.scene.model import DecodedContext
 
 CONTEXT, LATENTS = DecodedContext(2, (16, 2)), 3
 
@@ -33,84 +25,6 @@ def _scene(seed: int, profile: Profile = Profile.EXPLICIT, *, anchors: int) -> Q
 
 def _rows(scene: QuantisedScene, most: int | None = None) -> IndexRows:
     return index_rows(scene, True, LATENTS, most)
-
-
-@dataclass
-class _Recorder:
-    """Stands for an evaluator, keeps the inputs it is given and codes nothing."""
-
-    seen: list[NDArray[Any]] = field(default_factory=list)
-
-    def embed(self, x: NDArray[Any], _watch: object = None) -> NDArray[Any]:
-        self.seen.append(np.asarray(x))
-        return x
-
-    def start(self, count: int) -> int:
-        return count
-
-    def take(self, _state: int, rows: NDArray[Any]) -> int:
-        return len(rows)
-
-    def advance(self, state: int, _stage: int, _codes: NDArray[Any]) -> int:
-        return state
-
-    def mixed(self, h: NDArray[Any], _state: int) -> NDArray[Any]:
-        return h
-
-    def first_blocks(self, _book: int, _y: NDArray[Any]) -> list[Any]:
-        return []
-
-
-@dataclass(frozen=True)
-class _Head:
-    two_level: bool = False
-
-
-@dataclass(frozen=True)
-class _Network:
-    inputs: Inputs
-    amax: int = 2047
-    heads: tuple[_Head, ...] = (_Head(), _Head())
-
-
-class _Deaf:
-    def emit_rows(self, *_: object) -> None: ...
-
-
-def _decoder_inputs(
-    model: SceneModel, scene: QuantisedScene, content: TileContent, tile: int, layer: int
-) -> NDArray[np.int64]:
-    """Inputs the codec itself gives the network in one tile-layer, pass by pass."""
-    attributes = sum(model.channels[k].components for k in model.attributes)
-    inputs = Inputs(model.layers[-1].class_count, True, attributes, 2, LATENTS, 0, 0)
-    recorder = _Recorder()
-    coder: Any = IndexCoder(_Network(inputs), scene.codebooks, None, recorder)  # type: ignore[arg-type]
-    known = content.classes < model.layers[layer - 1].class_count
-    frame = tile_frame(scene.fields, scene.tiles[tile])
-    classes = content.classes[known]
-    context = LayerContext(model, frame, content.codes[known], classes)
-    for index in model.attributes:
-        now, final = model.steps(layer, index, classes), model.steps(len(model.layers), index, classes)
-        context.settle(index, coarsen(content.values[index][known], (final - now)[:, None]), now)
-    stages = model.stages(layer - 1, classes), model.stages(layer, classes)
-    put_neural_indices(_Deaf(), coder, context, content.indices[known], *stages)  # type: ignore[arg-type]
-    none = np.zeros((0, inputs.width), np.int64)
-    return np.concatenate([none, *recorder.seen]).astype(np.int64)
-
-
-@pytest.mark.parametrize("profile", Profile)
-def test_inputs_are_those_of_the_codec(profile: Profile) -> None:
-    """Column by column, for every anchor, layer and pass."""
-    scene = _scene(11, profile, anchors=400)
-    model, mine = scene.model, [row.tolist() for row in _rows(scene).inputs]
-    theirs = [
-        row.tolist()
-        for tile, content in enumerate(scene.contents)
-        for layer in range(1, len(model.layers) + 1)
-        for row in _decoder_inputs(model, scene, content, tile, layer)
-    ]
-    assert len(mine) > 100
-    assert sorted(mine) == sorted(theirs)
 
 
 def test_every_index_is_in_exactly_one_row() -> None:
