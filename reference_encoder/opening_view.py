@@ -13,31 +13,27 @@ import numpy as np
 
 from reference_encoder.options import EncodeOptions
 from reference_encoder.streaming_block import place_anchors
+from reference_encoder.tuning import (
+    DETAIL_BLOCK,
+    OPENING_ALONE,
+    OPENING_FILLED,
+    OPENING_FOG,
+    OPENING_FRAMED,
+    OPENING_GAUSSIANS,
+    OPENING_LOOK_FACTOR,
+    OPENING_LOOKS,
+    OPENING_NEIGHBOURS,
+    OPENING_RINGS,
+    OPENING_SAMPLING,
+    OPENING_TURNS,
+    OPENING_WIDE,
+)
 from scarfmt.arrays import F32, F64
 from scarfmt.render.camera import Camera
 from scarfmt.render.projection import Drawable
 from scarfmt.render.rasterise import render_with
 from scarfmt.render.viewpoints import Surroundings
 from scarfmt.scene.gaussians import AnchorModel, GaussianScene
-
-_NEIGHBOURHOOD = 8
-"""A given camera is amid its nearest neighbours, so many times fewer than all."""
-_RINGS = ((1.6, 12.0, 1.0), (1.6, 35.0, 0.9), (0.8, 10.0, 1.0))
-"""(radii away, elevation in degrees, factor of the score) of views around the middle: what stands is seen level."""
-_TURNS, _LOOKS, _LOOK_FACTOR = 12, 8, 0.8
-"""Views of a ring, and from the middle outwards; the factor of their score: whoever opens a scene wants an overview."""
-_FOG_PART = 0.4
-"""What lies nearer than this part of the way to what is looked at is fog."""
-_SAMPLING = 6
-"""Pixels of 640 x 480 that one stands for."""
-_BLOCK = 3
-"""Side of the blocks of such pixels that detail is measured of."""
-_MOST_DRAWN = 65_536
-"""Gaussians drawn, those that cover most."""
-_WIDE, _FILLED = 4.5, 0.8
-"""Radii from which a subject is seen whole, and the part of the frame that it then fills."""
-_FRAMED, _ALONE = 0.7, 0.1
-"""Opacity along the edge of the frame below which a subject stands by itself: from the first ring, and from far."""
 
 
 def find_opening_view(scene: GaussianScene | AnchorModel, options: EncodeOptions) -> Camera:
@@ -55,12 +51,11 @@ def find_opening_view(scene: GaussianScene | AnchorModel, options: EncodeOptions
     around = Surroundings.of(place_anchors(scene), options.frame)
     if isinstance(scene, AnchorModel):
         return _look_at(around, around.middle, around.direction(0.5, 20.0), 1.6).camera
-    search = _Search(_covering(scene), around)
-    views = list(_views(around))
-    pictures = [search.picture(view) for view in views]
+    drawable, views = _covering(scene), list(_views(around))
+    pictures = [_picture(drawable, view) for view in views]
     best, _ = max(zip(views, pictures, strict=True), key=lambda pair: pair[0].factor * pair[1].score)
-    edge = float(np.median([picture.edge for picture in pictures[:_TURNS]]))
-    return (_fitted(search, best) if best.outside and edge < _FRAMED else None) or best.camera
+    edge = float(np.median([picture.edge for picture in pictures[:OPENING_TURNS]]))
+    return (_fitted(drawable, around, best) if best.outside and edge < OPENING_FRAMED else None) or best.camera
 
 
 @dataclass(frozen=True)
@@ -101,68 +96,62 @@ class _Picture:
         return float(np.concatenate([rows.ravel(), columns.ravel()]).mean())
 
 
-@dataclass(frozen=True)
-class _Search:
-    drawable: Drawable
-    around: Surroundings
-
-    def picture(self, view: _View) -> _Picture:
-        """A small picture: its colours, and in two more channels how much of it is fog, and how opaque it is."""
-        camera, positions = view.camera.sampled(_SAMPLING), self.drawable.scene.positions
-        depth = (positions - camera.centre) @ camera.world_to_camera[2, :3]
-        shares = np.stack([depth < view.fog, np.ones(len(depth)), np.zeros(len(depth))], axis=1)
-        picture, found = render_with(self.drawable, camera, shares)
-        return _Picture(_detail(picture) * (1 - float(found[:, :, 0].mean())) ** 2, found[:, :, 1])
+def _picture(drawable: Drawable, view: _View) -> _Picture:
+    """A small picture: its colours, and in two more channels how much of it is fog, and how opaque it is."""
+    camera, positions = view.camera.sampled(OPENING_SAMPLING), drawable.scene.positions
+    depth = (positions - camera.centre) @ camera.world_to_camera[2, :3]
+    shares = np.stack([depth < view.fog, np.ones(len(depth)), np.zeros(len(depth))], axis=1)
+    picture, found = render_with(drawable, camera, shares)
+    return _Picture(_detail(picture) * (1 - float(found[:, :, 0].mean())) ** 2, found[:, :, 1])
 
 
 def _detail(picture: F32) -> float:
     """Mean length of the gradient of a (height, width, 3) picture of blocks: eyes and edges tell more than fur."""
-    rows, columns = (size // _BLOCK for size in picture.shape[:2])
-    blocks = np.clip(picture[: rows * _BLOCK, : columns * _BLOCK], 0, 1).reshape(rows, _BLOCK, columns, _BLOCK, 3)
-    shown = blocks.mean(axis=(1, 3))
+    rows, columns = (size // DETAIL_BLOCK for size in picture.shape[:2])
+    whole = np.clip(picture[: rows * DETAIL_BLOCK, : columns * DETAIL_BLOCK], 0, 1)
+    shown = whole.reshape(rows, DETAIL_BLOCK, columns, DETAIL_BLOCK, 3).mean(axis=(1, 3))
     down, right = np.diff(shown, axis=0)[:, :-1], np.diff(shown, axis=1)[:-1]
     return float(np.sqrt(down**2 + right**2).mean())
 
 
 def _covering(scene: GaussianScene) -> Drawable:
     """The Gaussians that cover most: area of the two longest axes times opacity."""
-    if len(scene) <= _MOST_DRAWN:
+    if len(scene) <= OPENING_GAUSSIANS:
         return Drawable.of(scene)
     extent = np.sort(scene.log_scales, axis=1)[:, 1:].sum(axis=1) - np.logaddexp(0, -scene.opacity_logits)
-    return Drawable.of(scene.take(np.sort(np.argpartition(-extent, _MOST_DRAWN)[:_MOST_DRAWN])))
+    return Drawable.of(scene.take(np.sort(np.argpartition(-extent, OPENING_GAUSSIANS)[:OPENING_GAUSSIANS])))
 
 
 def _views(around: Surroundings) -> Iterator[_View]:
-    for radii, elevation, factor in _RINGS:
-        for turn in (np.arange(_TURNS) + 0.5) / _TURNS:
+    for radii, elevation, factor in OPENING_RINGS:
+        for turn in (np.arange(OPENING_TURNS) + 0.5) / OPENING_TURNS:
             yield _look_at(around, around.middle, around.direction(float(turn), elevation), radii, factor)
-    for turn in (np.arange(_LOOKS) + 0.5) / _LOOKS:
+    for turn in (np.arange(OPENING_LOOKS) + 0.5) / OPENING_LOOKS:
         away = around.direction(float(turn), -5.0)
         eye = around.middle - 0.3 * around.radius * away
         camera = around.camera(eye, around.middle + around.radius * away, "opening")
-        yield _View(camera, -away, _FOG_PART / 2 * around.radius, _LOOK_FACTOR, outside=False)
+        yield _View(camera, -away, OPENING_FOG / 2 * around.radius, OPENING_LOOK_FACTOR, outside=False)
 
 
 def _look_at(around: Surroundings, target: F64, direction: F64, radii: float, factor: float = 1.0) -> _View:
     distance = radii * around.radius
     camera = around.camera(target + distance * direction, target, "opening")
-    return _View(camera, direction, _FOG_PART * distance, factor, outside=True)
+    return _View(camera, direction, OPENING_FOG * distance, factor, outside=True)
 
 
-def _fitted(search: _Search, view: _View) -> Camera | None:
+def _fitted(drawable: Drawable, around: Surroundings, view: _View) -> Camera | None:
     """The view from the same side in which the subject fills the frame; None where it does not stand by itself."""
-    around = search.around
-    wide = _look_at(around, around.middle, view.direction, _WIDE)
-    picture = search.picture(wide)
-    if picture.edge >= _ALONE or not picture.opacity.any():
+    wide = _look_at(around, around.middle, view.direction, OPENING_WIDE)
+    picture = _picture(drawable, wide)
+    if picture.edge >= OPENING_ALONE or not picture.opacity.any():
         return None
-    camera, (height, width) = wide.camera.sampled(_SAMPLING), picture.opacity.shape
+    camera, (height, width) = wide.camera.sampled(OPENING_SAMPLING), picture.opacity.shape
     across, down = (_span(picture.opacity.sum(axis=axis)) for axis in (0, 1))
-    distance = _WIDE * around.radius
+    distance = OPENING_WIDE * around.radius
     shift = np.array([across.mean() - width / 2, down.mean() - height / 2]) * distance / camera.fx
     filled = max(float(np.ptp(across)) / width, float(np.ptp(down)) / height)
     target = around.middle + shift @ camera.world_to_camera[:2, :3]
-    return _look_at(around, target, view.direction, _WIDE * filled / _FILLED).camera
+    return _look_at(around, target, view.direction, OPENING_WIDE * filled / OPENING_FILLED).camera
 
 
 def _span(opacity: F64) -> F64:
@@ -174,6 +163,7 @@ def _span(opacity: F64) -> F64:
 def middle_camera(cameras: Sequence[Camera]) -> Camera:
     """The camera from which the nearest eighth of all is least far."""
     centres = np.array([camera.centre for camera in cameras])
-    nearest = len(cameras) // _NEIGHBOURHOOD
+    # Each is its own nearest; of few cameras, the next one counts.
+    nearest = min(max(len(cameras) // OPENING_NEIGHBOURS, 1), len(cameras) - 1)
     reached = [np.sort(np.linalg.norm(centres - centre, axis=1))[nearest] for centre in centres]
     return cameras[int(np.argmin(reached))]

@@ -5,16 +5,18 @@ from __future__ import annotations
 import io
 from collections.abc import Callable, Sequence
 
+from reference_encoder.tuning import (
+    THUMBNAIL_LEAST,
+    THUMBNAIL_MOST,
+    THUMBNAIL_PART,
+    THUMBNAIL_QUALITIES,
+    THUMBNAIL_WIDTHS,
+)
 from scarfmt.arrays import F32
 from scarfmt.container.file import Block
 from scarfmt.container.schema import BlockKind
 from scarfmt.render.camera import Camera
 from scarfmt.render.images import to_bytes
-
-_PART, _LEAST, _MOST = 0.01, 600, 6000
-"""Bytes of a thumbnail: a share of those of the file, at least and at most; with less, no picture says anything."""
-_WIDTHS, _QUALITIES = (256, 192, 128, 96), (80, 65, 50, 35)
-"""Widths in pixels, and qualities of WebP, the best first."""
 
 
 def thumbnail_blocks(view: Callable[[Camera], F32], camera: Camera, blocks: Sequence[Block]) -> list[Block]:
@@ -25,8 +27,8 @@ def thumbnail_blocks(view: Callable[[Camera], F32], camera: Camera, blocks: Sequ
         camera: the opening view.
         blocks: all others of the file.
     """
-    most = min(int(_PART * sum(len(block.payload) for block in blocks)), _MOST)
-    picture = draw_thumbnail(view, camera, most) if most >= _LEAST else None
+    most = min(int(THUMBNAIL_PART * sum(len(block.payload) for block in blocks)), THUMBNAIL_MOST)
+    picture = draw_thumbnail(view, camera, most) if most >= THUMBNAIL_LEAST else None
     return [] if picture is None else [Block(BlockKind.THUMBNAIL, 1, picture)]
 
 
@@ -38,9 +40,9 @@ def draw_thumbnail(view: Callable[[Camera], F32], camera: Camera, most: int) -> 
         return None
     if not features.check("webp"):
         return None
-    for width in _WIDTHS:
+    for width in THUMBNAIL_WIDTHS:
         image = Image.fromarray(to_bytes(view(camera.scaled(width / camera.width))))
-        for quality in _QUALITIES:
+        for quality in THUMBNAIL_QUALITIES:
             file = io.BytesIO()
             image.save(file, "WEBP", quality=quality, method=6)
             if file.tell() <= most:

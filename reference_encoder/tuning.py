@@ -332,3 +332,26 @@ LEAST_COVER = 0.02
 """Part of a picture that judging ranges make up at least, or it tells nothing [0044]."""
 LATTICE_MARGIN_BITS = 1
 """Bits of the lattice beyond what a sample of the scene wants [0044]."""
+
+# --- What a file opens with: opening_view.py, thumbnail.py ---
+
+OPENING_NEIGHBOURS = 8
+"""A given camera is amid its nearest neighbours, so many times fewer than all."""
+OPENING_RINGS = ((1.6, 12.0, 1.0), (1.6, 35.0, 0.9), (0.8, 10.0, 1.0))
+"""(radii away, elevation in degrees, factor of the score) of views around the middle: what stands is seen level."""
+OPENING_TURNS, OPENING_LOOKS, OPENING_LOOK_FACTOR = 12, 8, 0.8
+"""Views of a ring, and from the middle outwards; the factor of their score: whoever opens a scene wants an overview."""
+OPENING_FOG = 0.4
+"""What lies nearer than this part of the way to what is looked at is fog."""
+OPENING_SAMPLING, DETAIL_BLOCK = 6, 3
+"""Pixels of 640 x 480 that one stands for; side of the blocks of such pixels that detail is measured of."""
+OPENING_GAUSSIANS = 65_536
+"""Gaussians drawn, those that cover most."""
+OPENING_WIDE, OPENING_FILLED = 4.5, 0.8
+"""Radii from which a subject is seen whole, and the part of the frame that it then fills."""
+OPENING_FRAMED, OPENING_ALONE = 0.7, 0.1
+"""Opacity along the edge of the frame below which a subject stands by itself: from the first ring, and from far."""
+THUMBNAIL_PART, THUMBNAIL_LEAST, THUMBNAIL_MOST = 0.01, 600, 6000
+"""Bytes of a thumbnail: a share of those of the file, at least and at most; with less, no picture says anything."""
+THUMBNAIL_WIDTHS, THUMBNAIL_QUALITIES = (256, 192, 128, 96), (80, 65, 50, 35)
+"""Widths in pixels, and qualities of WebP, the best first."""

@@ -128,8 +128,7 @@ def encode_job(
     plan = plan_of(version=job.version, options=job.options, source=inputs.versions, settings=settings)
     with job.work.lock():
         job.work.begin(plan, job.resume)
-        for folder in tasks.FOLDERS:
-            job.work.remove_unfinished(folder)
+        job.work.remove_unfinished()
         return _Chain(job, workers, report).run(inputs, target)
 
 

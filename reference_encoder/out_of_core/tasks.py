@@ -24,11 +24,6 @@ from scarfmt.scene.gaussians import GaussianScene
 
 SCENE, OVERVIEW, FIT, MODELS = "scene", "overview", "fit", "models"
 """Names of files of which there is one."""
-FOLDERS = (
-    *("bins", "summaries", "measured", "samples", "pictures-loop", "pictures-report", "fits"),
-    *("histograms", "symbols", "segments"),
-)
-"""Folders of files of which there are several; those of counts are named by their depth."""
 _CACHED = 4
 
 

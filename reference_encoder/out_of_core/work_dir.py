@@ -213,11 +213,12 @@ class WorkDir:
         """Bare names of the whole files in a folder; none where there is no such folder."""
         return {name for name in self._list(folder) if not name.endswith(_UNFINISHED)}
 
-    def remove_unfinished(self, folder: str) -> None:
+    def remove_unfinished(self) -> None:
         """Remove what a process left behind that was ended while it wrote."""
-        for name in self._list(folder):
-            if name.endswith(_UNFINISHED):
-                self._remove(f"{folder}/{name}")
+        system, inside = file_system(self.place)
+        for path in system.find(inside):
+            if path.endswith(_UNFINISHED):
+                system.rm(path)
 
     def _remove(self, name: str) -> None:
         system, inside = file_system(self.path(name))

@@ -111,7 +111,6 @@ class Workers:
             function, tasks: as of :meth:`results`, which says what is raised.
         """
         folder = f"done/{step}"
-        work.remove_unfinished(folder)
         known = work.names(folder)
         left = []
         for number in range(len(tasks)):

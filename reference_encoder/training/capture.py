@@ -39,13 +39,12 @@ DRAWN = 20_000
 _CANDIDATES = 8 * DRAWN
 _SEEN_BY = 1 / 3
 """Least share of the cameras that must see a point of the start: the photos do not show what fewer cameras see."""
-_GREY = 128
 _RIDGE = 1e-3
 """Share of the number of cameras that keeps the focus near the eyes if all of them look the same way."""
 
 
-def draw_points(cameras: Sequence[Camera]) -> Points:
-    """Up to 20,000 grey points, uniform in the part of a ball that a third of the cameras have in their pictures.
+def draw_points(cameras: Sequence[Camera]) -> F64:
+    """Up to 20,000 points, (P, 3), uniform in the part of a ball that a third of the cameras have in their pictures.
 
     The ball is round the place nearest to all optical axes, and reaches as far as the cameras are from it.
 
@@ -62,8 +61,7 @@ def draw_points(cameras: Sequence[Camera]) -> Points:
     candidates = focus + radius * np.cbrt(random.random((_CANDIDATES, 1))) * directions
     seen = np.mean([in_view(candidates, camera) for camera in cameras], axis=0)
     enough = seen >= min(_SEEN_BY, float(seen.max()))
-    chosen = candidates[enough][:DRAWN]
-    return Points(chosen, np.full((len(chosen), 3), _GREY, np.uint8))
+    return np.asarray(candidates[enough][:DRAWN])
 
 
 def _focus(eyes: F64, forward: F64) -> F64:
@@ -103,13 +101,11 @@ class Capture:
     Attributes:
         photos: sorted by name, at least two.
         points: (P, 3) float64 on surfaces, world units; where training starts.
-        colours: (P, 3) uint8 of the points.
         seconds: that reading took, with the search for poses.
     """
 
     photos: tuple[Photo, ...]
     points: F64
-    colours: U8
     seconds: float = 0.0
 
     @property
@@ -131,7 +127,7 @@ class Capture:
             lens = (camera.width, camera.height, camera.fx, camera.fy, camera.cx, camera.cy)
             total.update(repr((camera.name, camera.split, lens, photo.path.stat().st_size)).encode())
             total.update(np.ascontiguousarray(camera.world_to_camera).tobytes())
-        total.update(np.ascontiguousarray(self.points).tobytes() + np.ascontiguousarray(self.colours).tobytes())
+        total.update(np.ascontiguousarray(self.points).tobytes())
         return total.hexdigest()
 
 
@@ -173,8 +169,10 @@ def load_capture(
     if points is None or not len(points.positions):
         message = f"{path}: has no points to start from: some are drawn at random where the cameras look"
         warnings.warn(message, InputWarning, stacklevel=2)
-        points = draw_points([photo.camera for photo in sized])
-    return Capture(sized, points.positions, points.colours, time.monotonic() - started)
+        places = draw_points([photo.camera for photo in sized])
+    else:
+        places = points.positions
+    return Capture(sized, places, time.monotonic() - started)
 
 
 def pixels(photo: Photo) -> U8:

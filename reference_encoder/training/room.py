@@ -71,7 +71,7 @@ def free_memory() -> float:
     with suppress(OSError, StopIteration):
         lines = Path("/proc/meminfo").read_text().splitlines()
         free = 1024.0 * int(next(line for line in lines if line.startswith("MemAvailable")).split()[1])
-    with suppress(OSError, ValueError):
+    with suppress(OSError, ValueError, KeyError):
         # Pages of files can be had back.
         most = int((_CGROUP / "memory.max").read_text())
         held = dict(line.split() for line in (_CGROUP / "memory.stat").read_text().splitlines())

@@ -183,8 +183,7 @@ class Run:
             return False
         torch.set_num_threads(self.threads)
         loss = self.trainer.step(done)
-        first = self.loss != self.loss
-        self.loss = loss if first else _MEMORY * self.loss + (1 - _MEMORY) * loss
+        self.loss = loss if math.isnan(self.loss) else _MEMORY * self.loss + (1 - _MEMORY) * loss
         self.report(self.progress())
         return True
 

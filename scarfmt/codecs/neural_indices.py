@@ -7,7 +7,6 @@ coded stage by stage. A symbol is one of the codebook, or a cluster and then a m
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,33 +18,11 @@ from scarfmt.neural.context import count_features
 from scarfmt.neural.evaluator import Blocks, Evaluator
 from scarfmt.neural.grid import HashGrid
 from scarfmt.neural.layer_context import LayerContext
-from scarfmt.neural.network import IndexNetwork, Inputs
+from scarfmt.neural.network import Inputs
 from scarfmt.scene.model import Codebooks
 
 CLASS_VALUE = 64
 _ATTRIBUTE_SHIFT = 6
-
-
-@dataclass(frozen=True)
-class IndexCoder:
-    """The coder of the indices of a file in entropy mode 1.
-
-    Attributes:
-        network: the index network.
-        books: the codebooks.
-        grid: the hash grid, if the network reads one.
-        evaluator: of the network.
-    """
-
-    network: IndexNetwork
-    books: Codebooks
-    grid: HashGrid | None
-    evaluator: Evaluator
-
-
-def index_coder(network: IndexNetwork, books: Codebooks, grid: HashGrid | None = None) -> IndexCoder:
-    """The coder of a file's index network."""
-    return IndexCoder(network, books, grid, Evaluator(network, books))
 
 
 # (stage, anchors, mixer outputs) -> nothing: emits or reads one run of symbols.
@@ -120,10 +97,10 @@ def _grid_features(grid: HashGrid | None, context: LayerContext, wanted: NDArray
     return out
 
 
-def _read_symbols(reader: SymbolReader, coder: IndexCoder, stage: int, mixed: F32, count: int) -> I64:
+def _read_symbols(reader: SymbolReader, evaluator: Evaluator, stage: int, mixed: F32, count: int) -> I64:
     """(count,) indices of a stage, of (count, Y) mixer outputs: a symbol each, or a cluster and a member."""
-    book, evaluator = int(stage > 1), coder.evaluator
-    head, first = coder.network.heads[book], np.empty(count, np.int64)
+    book = int(stage > 1)
+    head, first = evaluator.network.heads[book], np.empty(count, np.int64)
     for rows, weights in evaluator.first_blocks(book, mixed):
         first[rows] = reader.read_rows(weights, stage)
     if not head.two_level:
@@ -136,7 +113,7 @@ def _read_symbols(reader: SymbolReader, coder: IndexCoder, stage: int, mixed: F3
 
 def put_neural_indices(
     emitter: Emitter,
-    coder: IndexCoder,
+    evaluator: Evaluator,
     context: LayerContext,
     indices: Ints,
     before: I64,
@@ -151,14 +128,14 @@ def put_neural_indices(
     """
 
     def put(stage: int, anchors: I64, mixed: F32) -> None:
-        _put_symbols(emitter, coder, int(stage > 1), mixed, indices[anchors, stage - 1].astype(np.int64))
+        _put_symbols(emitter, evaluator, int(stage > 1), mixed, indices[anchors, stage - 1].astype(np.int64))
 
-    _code(coder, context, indices, (before, after), put)
+    _code(evaluator, context, indices, (before, after), put)
 
 
 def get_neural_indices(
     reader: SymbolReader,
-    coder: IndexCoder,
+    evaluator: Evaluator,
     context: LayerContext,
     indices: I16,
     before: I64,
@@ -171,28 +148,26 @@ def get_neural_indices(
     """
 
     def get(stage: int, anchors: I64, mixed: F32) -> None:
-        indices[anchors, stage - 1] = _read_symbols(reader, coder, stage, mixed, len(anchors))
+        indices[anchors, stage - 1] = _read_symbols(reader, evaluator, stage, mixed, len(anchors))
 
-    _code(coder, context, indices, (before, after), get)
+    _code(evaluator, context, indices, (before, after), get)
 
 
 def _code(
-    coder: IndexCoder,
+    evaluator: Evaluator,
     context: LayerContext,
     indices: Ints,
     stages: tuple[I64, I64],
     exchange: Exchange,
 ) -> None:
     before, after = stages
-    network = coder.network
-    for part, inputs in embedding_inputs(
-        network.inputs, network.amax, coder.books, coder.grid, context, indices, stages
-    ):
-        _code_pass(coder, context, part, inputs, indices, (before[part], after[part]), exchange)
+    network, books, grid = evaluator.network, evaluator.books, evaluator.grid
+    for part, inputs in embedding_inputs(network.inputs, network.amax, books, grid, context, indices, stages):
+        _code_pass(evaluator, context, part, inputs, indices, (before[part], after[part]), exchange)
 
 
 def _code_pass(
-    coder: IndexCoder,
+    evaluator: Evaluator,
     context: LayerContext,
     part: I64,
     inputs: F32,
@@ -201,11 +176,10 @@ def _code_pass(
     exchange: Exchange,
 ) -> None:
     """All stages of the anchors of one pass; the recurrent state runs over stages received earlier, too."""
-    evaluator, observer = coder.evaluator, context.observer
     before, after = stages
     embedded = evaluator.embed(inputs)
-    if observer is not None:
-        observer.embedding(embedded)
+    if context.observer is not None:
+        context.observer.embedding(embedded)
     state = evaluator.start(len(part))
     for stage in range(1, int(after.max(initial=0)) + 1):
         coded = np.flatnonzero((before < stage) & (after >= stage))
@@ -218,8 +192,8 @@ def _code_pass(
             state = evaluator.advance(state, stage, np.where(after >= stage, indices[part, stage - 1], 0))
 
 
-def _put_symbols(emitter: Emitter, coder: IndexCoder, book: int, mixed: F32, symbols: I64) -> None:
-    head, evaluator = coder.network.heads[book], coder.evaluator
+def _put_symbols(emitter: Emitter, evaluator: Evaluator, book: int, mixed: F32, symbols: I64) -> None:
+    head = evaluator.network.heads[book]
     if not head.two_level:
         _put_blocks(emitter, evaluator.first_blocks(book, mixed), symbols)
         return

@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 from scarfmt.blocks.mlp import QuantisedMlp
 from scarfmt.blocks.registry import BLOCKS, MODEL_BLOCKS
 from scarfmt.blocks.spec import Inflate, Reading
-from scarfmt.codecs.neural_indices import index_coder
 from scarfmt.coding.checks_of_models import check_index_network, check_networks
 from scarfmt.coding.tile import NeuralModels
 from scarfmt.coding.work import DeclaredWork
@@ -22,6 +21,7 @@ from scarfmt.container.registries import BlockKind, Stream
 from scarfmt.entropy.keys import TableKey
 from scarfmt.entropy.symbol_tables import SymbolTable
 from scarfmt.errors import Malformed, ScarError
+from scarfmt.neural.evaluator import Evaluator
 from scarfmt.neural.grid import HashGrid
 from scarfmt.neural.network import IndexNetwork
 from scarfmt.neural.predictors import Predictor, check_predictors
@@ -134,7 +134,7 @@ class SceneModels:
         """
         coder = None
         if indices and self.network is not None and self.codebooks is not None:
-            coder = index_coder(self.network, self.codebooks, self.grid)
+            coder = Evaluator(self.network, self.codebooks, self.grid)
         return tuple(NeuralModels(predictors, coder) for predictors in self.predictors)
 
 

@@ -19,12 +19,13 @@ from scarfmt.codecs.channels import check_reach, coarsen, get_channel, put_chann
 from scarfmt.codecs.classes import get_classes, put_classes
 from scarfmt.codecs.indices import get_indices, put_indices
 from scarfmt.codecs.masks import get_masks, get_offsets, put_masks, put_offsets
-from scarfmt.codecs.neural_indices import IndexCoder, get_neural_indices, put_neural_indices
+from scarfmt.codecs.neural_indices import get_neural_indices, put_neural_indices
 from scarfmt.codecs.positions import get_positions, put_positions
 from scarfmt.container.directory import TileFrame
 from scarfmt.container.schema import Profile, Stream
 from scarfmt.entropy.emitters import Emitter
 from scarfmt.entropy.symbol_reader import SymbolReader
+from scarfmt.neural.evaluator import Evaluator
 from scarfmt.neural.layer_context import LayerContext
 from scarfmt.neural.predicted import PredictedChannel, Predictors
 from scarfmt.observe import LayerObserver
@@ -44,14 +45,14 @@ class NeuralModels:
     """
 
     predictors: Predictors = field(default_factory=dict)
-    indices: IndexCoder | None = None
+    indices: Evaluator | None = None
 
     @cached_property
     def predicted_streams(self) -> frozenset[Stream]:
         """The streams that have predictors."""
         return frozenset(Stream(stream) for stream, _, _ in self.predictors)
 
-    def coder(self, model: SceneModel, layer: int) -> IndexCoder | None:
+    def coder(self, model: SceneModel, layer: int) -> Evaluator | None:
         """The coder of the indices of a layer; None for static tables."""
         return self.indices if model.layers[layer - 1].neural else None
 
@@ -174,7 +175,7 @@ def _context(
     frame: TileFrame,
     content: TileContent,
     predictors: Predictors,
-    coder: IndexCoder | None,
+    coder: Evaluator | None,
     observer: LayerObserver | None = None,
 ) -> LayerContext | None:
     """The decoded context of a tile-layer, None where nothing looks at it."""

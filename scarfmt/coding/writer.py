@@ -20,7 +20,6 @@ from scarfmt.blocks.spec import Writing
 from scarfmt.blocks.streaming import Streaming
 from scarfmt.blocks.tables import fit_table, pack_table
 from scarfmt.codecs.channels import coarsen
-from scarfmt.codecs.neural_indices import IndexCoder, index_coder
 from scarfmt.coding.checks_of_scene import check_books, check_content
 from scarfmt.coding.reader import SceneReader
 from scarfmt.coding.tile import NeuralModels, TileContent, put_layer
@@ -35,6 +34,7 @@ from scarfmt.entropy.recorded import RecordedSymbols, SymbolRecorder
 from scarfmt.entropy.symbol_tables import StaticTables, SymbolTable
 from scarfmt.errors import InvalidInput, ScarError
 from scarfmt.limits import FORMAT_LIMITS
+from scarfmt.neural.evaluator import Evaluator
 from scarfmt.neural.grid import HashGrid
 from scarfmt.neural.network import IndexNetwork
 from scarfmt.neural.predictors import Predictor
@@ -86,10 +86,10 @@ class QuantisedScene:
         return NeuralModels(found, self._coder)
 
     @cached_property
-    def _coder(self) -> IndexCoder | None:
+    def _coder(self) -> Evaluator | None:
         if self.network is None or self.codebooks is None:
             return None
-        return index_coder(self.network, self.codebooks, self.grid)
+        return Evaluator(self.network, self.codebooks, self.grid)
 
 
 def model_blocks(scene: QuantisedScene, layer: int, tables: Mapping[TableKey, SymbolTable]) -> Iterator[Block]:

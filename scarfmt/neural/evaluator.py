@@ -16,6 +16,7 @@ from scarfmt.arrays import F32, F64, I64, Ints, Numbers
 from scarfmt.entropy.rans import TOTAL
 from scarfmt.errors import InvalidInput
 from scarfmt.neural.arithmetic import Linear, folded
+from scarfmt.neural.grid import HashGrid
 from scarfmt.neural.network import QUERY_AMAX, Attention, GruLayer, IndexNetwork
 from scarfmt.neural.tables import EXP2_LAST, LAST, exp2_table, sigmoid_table, state_table
 from scarfmt.scene.model import Codebooks
@@ -53,13 +54,14 @@ class Evaluator:
     Args:
         network: valid for `books` (:meth:`IndexNetwork.check`).
         books: a codebook may be empty if none of its indices are to be coded.
+        grid: the hash grid, if the network reads one.
 
     Attributes:
-        network, books: as given.
+        network, books, grid: as given.
     """
 
-    def __init__(self, network: IndexNetwork, books: Codebooks) -> None:
-        self.network, self.books, self._amax = network, books, network.amax
+    def __init__(self, network: IndexNetwork, books: Codebooks, grid: HashGrid | None = None) -> None:
+        self.network, self.books, self.grid, self._amax = network, books, grid, network.amax
         words = [network.codewords(book) for book in (books.coarse, books.residual)][: len(network.heads)]
         self._gru = [_Recurrence(layer, network.activation_bits) for layer in network.gru]
         # What the first layer makes of each codeword, by codebook.

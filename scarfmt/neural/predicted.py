@@ -9,8 +9,9 @@ from typing import Protocol
 import numpy as np
 
 from scarfmt.arrays import F32, I32, I64, Ints
+from scarfmt.neural.context import fine
 from scarfmt.neural.layer_context import LayerContext
-from scarfmt.neural.predictors import PassInputs, StepContext
+from scarfmt.neural.predictors import PassInputs
 
 
 class Contexts(Protocol):
@@ -70,18 +71,19 @@ class PredictedChannel:
     def parts(self, step: int, chosen: I64) -> Iterator[I64]:
         """The anchors `chosen` pass by pass. Each pass must be coded before the next is asked for."""
         context, self._step = self.context, step
-        around = StepContext(context.cells, step, self.components)
+        sums = context.sums(self.components)
         known = np.flatnonzero(self._steps >= step)
-        around.add(context.rows(known), self._values[known], self._steps[known])
+        sums.add(context.rows(known), fine(self._values[known], self._steps[known]))
         for part in context.parts(chosen):
             if not len(part):
                 continue
             rows = context.rows(part)
             self._part = part
-            self._inputs = around.inputs(rows, context.classes[part], self.settled[part], self._values[part])
+            here = context.classes[part], self.settled[part], self._values[part]
+            self._inputs = PassInputs(step, *here, sums.around(rows))
             yield part
             self._steps[part] = step
-            around.add(rows, self._values[part], np.array([step]))
+            sums.add(rows, fine(self._values[part], np.array([step])))
 
     def settle(self, step: int, chosen: I64, values: Ints) -> None:
         """Take the (m, components) `values` of anchors that received a step without predictors."""

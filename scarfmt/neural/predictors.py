@@ -16,7 +16,7 @@ from scarfmt.arrays import F32, F64, I64, Ints
 from scarfmt.container.schema import Stream
 from scarfmt.errors import Malformed
 from scarfmt.neural.arithmetic import Linear
-from scarfmt.neural.context import CellMeans, CellSums, cell_power, count_features, fine
+from scarfmt.neural.context import cell_power, count_features, fine
 from scarfmt.scene.model import MAX_CLASSES, SceneModel
 from scarfmt.scene.streams import PREDICTED_STREAMS
 
@@ -147,43 +147,19 @@ def check_predictors(model: SceneModel, layer: int, predictors: Sequence[Predict
             raise bad_predictor(f"{predictor.inputs} inputs, not {input_width(model, channel)}")
 
 
-class StepContext:
-    """The known values around the anchors that receive one step of one channel in one tile-layer (SPEC §10.3).
-
-    Encoder and decoder add the anchors that have the step already, then, for every pass, take its inputs, code its
-    symbols and add its anchors.
+class PassInputs:
+    """Inputs of the anchors of one pass: shared by the components but for a few columns (SPEC §10.3).
 
     Args:
-        cells: of the tile-layer; rows below are its rows.
         step: from 1.
-        components: of the channel.
+        classes: (w,).
+        before: (w, a) fine values of the attribute channels before this one, after this layer.
+        values: (w, components) this channel's, at the step before; ignored in step 1.
+        around: means and counts in the cells of the anchors (:meth:`CellSums.around`).
     """
 
-    def __init__(self, cells: CellMeans, step: int, components: int) -> None:
-        self._step = step
-        self._sums = CellSums(cells, components)
-
-    def add(self, rows: Ints, values: Ints, steps: Ints) -> None:
-        """Add anchors that have this step or more: (m,) rows, (m, components) values at (m,) or (1,) steps."""
-        self._sums.add(rows, fine(values, steps))
-
-    def inputs(self, rows: I64, classes: I64, before: Ints, values: Ints) -> PassInputs:
-        """Inputs of the anchors of one pass.
-
-        Args:
-            rows: (w,).
-            classes: (w,).
-            before: (w, a) fine values of the attribute channels before this one, after this layer.
-            values: (w, components) this channel's, at the step before; ignored in step 1.
-        """
-        own = fine(values, np.array([self._step - 1]))
-        return PassInputs(self._step, classes, before, own, *self._sums.around(rows))
-
-
-class PassInputs:
-    """Inputs of the anchors of one pass: shared by the components but for a few columns."""
-
-    def __init__(self, step: int, classes: I64, before: Ints, own: I64, means: F64, counts: F64) -> None:
+    def __init__(self, step: int, classes: I64, before: Ints, values: Ints, around: tuple[F64, F64]) -> None:
+        own, (means, counts) = fine(values, np.array([step - 1])), around
         (wide, components), depths = own.shape, counts.shape[1]
         self._depths = depths
         self._at = MAX_CLASSES + before.shape[1]

@@ -12,11 +12,11 @@ from hypothesis import strategies as st
 from scarfmt.arrays import I64
 from scarfmt.container.schema import Profile, Stream
 from scarfmt.neural.arithmetic import Linear
-from scarfmt.neural.context import CellMeans
+from scarfmt.neural.context import CellMeans, CellSums, fine
 from scarfmt.neural.predictors import (
     AMAX,
+    PassInputs,
     Predictor,
-    StepContext,
     first_use,
     input_width,
 )
@@ -143,10 +143,11 @@ class Tile:
 def test_inputs_are_those_of_the_text(seed: int, step: int) -> None:
     """Every column of every anchor, for both components; in step 1 the second sees the first."""
     tile = Tile(seed, step)
-    around = StepContext(CellMeans(tile.codes, tile.shifts), step, 2)
-    around.add(tile.known, tile.values[tile.known], tile.steps[tile.known])
+    sums = CellSums(CellMeans(tile.codes, tile.shifts), 2)
+    sums.add(tile.known, fine(tile.values[tile.known], tile.steps[tile.known]))
     values = tile.values[tile.group]
-    inputs = around.inputs(tile.group, tile.classes[tile.group], tile.before[tile.group], values)
+    classes, before = tile.classes[tile.group], tile.before[tile.group]
+    inputs = PassInputs(step, classes, before, values, sums.around(tile.group))
     for component in range(2):
         found = inputs.of(component)
         # In step 1 nothing of the channel is known but the components before.

@@ -7,10 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from reference_encoder.opening_view import find_opening_view
+from reference_encoder.opening_view import find_opening_view, middle_camera
 from reference_encoder.options import EncodeOptions
 from scarfmt.arrays import F64
-from scarfmt.render.camera import Camera
+from scarfmt.render.camera import Camera, look_at
 from scarfmt.render.rasterise import render
 from scarfmt.scene.gaussians import GaussianScene
 
@@ -72,3 +72,11 @@ def test_fog_before_the_subject_is_avoided() -> None:
 def test_a_scene_of_next_to_nothing_has_one_too(count: int) -> None:
     scene = _gaussians(np.zeros((count, 3)), np.ones((count, 3)))
     assert np.isfinite(find_opening_view(scene, EncodeOptions()).world_to_camera).all()
+
+
+def test_of_given_cameras_the_one_amid_the_others_is_taken() -> None:
+    """Also of few; a single one is amid all there are."""
+    cameras = [look_at(np.array([x, 0.0, -5.0]), np.array([x, 0.0, 0.0]), np.array([0.0, 1.0, 0.0]), 8, 6)
+               for x in (0.0, 9.0, 10.0, 20.0)]  # fmt: skip
+    assert middle_camera(cameras) is cameras[1]
+    assert middle_camera(cameras[:1]) is cameras[0]

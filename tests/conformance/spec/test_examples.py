@@ -174,9 +174,9 @@ def test_predictor() -> None:
     hidden = Linear(rows([0, 2, 1, 0, 0, 3, -1, 0, 1, 0, 4, 2]), np.array([40]), 5)
     output = rows([0, 3, 0, 0, 0, 1, 0, 0, 0, 0, 0, 0, 9], [4, -1, 0, 2, 0, 0, 0, 0, 1, 0, 3, 0, -2])
     predictor = Predictor(Stream.OPACITY, 0, 2, hidden, Linear(output, np.array([-20, 30]), 6), (8, 4))
-    means, own = np.array([[[3500.0], [3300.0]]]), fine(np.array([[3]]), np.array([1]))
+    around = np.array([[[3500.0], [3300.0]]]), np.array([[9.0, 2.0]])
     scale = np.array([[-1536, -2900, -4700]])
-    x = PassInputs(2, np.array([1]), scale, own, means, np.array([[9.0, 2.0]])).of(0)
+    x = PassInputs(2, np.array([1]), scale, np.array([[3]]), around).of(0)
     shows("predictor", *hidden.weights[0, [0, 1]], *output[0, [0, 1]], *x[0].tolist()[:15], *x[0].tolist()[15:18])
     shows("predictor", *x[0].tolist()[18:], *predictor.contexts(x).tolist())
 

@@ -91,7 +91,7 @@ def test_what_a_killed_process_left_is_not_taken_for_a_file_and_goes(tmp_path: P
     (folder / "one.0123.part").write_bytes(b"half")
     work = WorkDir(str(tmp_path))
     assert work.names("a") == set()
-    work.remove_unfinished("a")
+    work.remove_unfinished()
     assert list(folder.iterdir()) == []
 
 
