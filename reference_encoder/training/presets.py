@@ -134,13 +134,17 @@ PAPER_CURRICULUM = Curriculum(
 )
 
 
+CODEWORDS, DIMENSION = 1024, 16
+
+
 @dataclass(frozen=True)
 class Preset:
     """The settings of training that are not options of the user.
 
     Attributes:
         features: D, of anchors; as many hidden units.
-        stages, codewords, dimension: of the quantiser of features; 0 stages: latents number by number.
+        stages: of the quantiser of features, which has `CODEWORDS` of `DIMENSION` numbers in a book; 0: latents number
+            by number.
         curriculum: when what happens.
         paper: the paper's projector and index network, and codewords chosen by distortion alone.
         camera_jitter: standard deviation of the place from where networks look about the camera while they learn, in
@@ -149,8 +153,6 @@ class Preset:
 
     features: int = 32
     stages: int = 0
-    codewords: int = 1024
-    dimension: int = 16
     curriculum: Curriculum = Curriculum()
     paper: bool = False
     camera_jitter: float = 0.28

@@ -41,7 +41,7 @@ from reference_encoder.training.options import (
 )
 from reference_encoder.training.photo_store import View, half_size, store_photos
 from reference_encoder.training.pose_check import LOOKS, displacement, warn_of_displacement
-from reference_encoder.training.presets import PRESETS, Preset
+from reference_encoder.training.presets import CODEWORDS, DIMENSION, PRESETS, Preset
 from reference_encoder.training.quantiser import Quantiser
 from reference_encoder.training.rate import Context
 from reference_encoder.training.rate_controller import LEAST_PRICE, RateController
@@ -133,7 +133,7 @@ def _vq_features(preset: Preset, layers: int, seed: int, device: torch.device) -
     """The quantiser of a run on a device, None where latents are sent number by number."""
     if not preset.stages:
         return None
-    sizes = preset.dimension, preset.features, preset.stages, preset.codewords
+    sizes = DIMENSION, preset.features, preset.stages, CODEWORDS
     quantiser = Quantiser(*sizes, linear=not preset.paper, seed=seed)
     by_layer = tuple(max(1, round((layer + 1) * preset.stages / layers)) for layer in range(layers))
     return VqFeatures(quantiser.to(device), by_layer, priced=not preset.paper)

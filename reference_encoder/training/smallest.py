@@ -44,16 +44,15 @@ def smallest_file(
     return min((static, *filter(within_limits, others)), key=len)
 
 
-def with_predictors(scene: QuantisedScene, seed: int = 0, stop: Stop = never) -> QuantisedScene | None:
+def with_predictors(scene: QuantisedScene, stop: Stop = never) -> QuantisedScene | None:
     """The scene with a predictor for every step of every component where one pays; None if none does.
 
     Args:
-        seed: of everything random.
         stop: asked again and again whether to train no more of them.
     """
     model = replace(scene.model, context=CONTEXT)
     bits = [local_bits(scene.fields, tile) for tile in scene.tiles]
-    predictors = choose_predictors(model, scene.contents, bits, seed, stop)
+    predictors = choose_predictors(model, scene.contents, bits, stop=stop)
     return replace(scene, model=model, predictors=predictors) if predictors else None
 
 

