@@ -5,7 +5,6 @@ from __future__ import annotations
 import shutil
 import tempfile
 from contextlib import suppress
-from dataclasses import dataclass
 from pathlib import Path
 
 from reference_encoder.training.capture import Capture
@@ -19,27 +18,21 @@ _A_PIXEL, _A_POINT = 250, 20_000
 _CGROUP = Path("/sys/fs/cgroup")
 
 
-@dataclass(frozen=True)
-class Room:
-    """Bytes that a run takes.
+def needed_room(capture: Capture, scale: float = 1.0) -> tuple[int, int]:
+    """Bytes of memory that a run takes, about, and of disk, for pixels, while it runs.
 
-    Attributes:
-        memory: about.
-        disk: for pixels, while it runs.
+    Args:
+        scale: of the photos.
     """
+    areas = [scale * scale * photo.camera.width * photo.camera.height for photo in capture.photos]
+    memory = _PROCESS + _A_PIXEL * max(areas) + _A_POINT * len(capture.points)
+    return int(memory), int(3 * sum(areas))
 
-    memory: int
-    disk: int
 
-    @classmethod
-    def of(cls, capture: Capture, scale: float = 1.0) -> Room:
-        """Of a capture with photos of `scale` times the size."""
-        areas = [scale * scale * photo.camera.width * photo.camera.height for photo in capture.photos]
-        memory = _PROCESS + _A_PIXEL * max(areas) + _A_POINT * len(capture.points)
-        return cls(int(memory), int(3 * sum(areas)))
-
-    def __str__(self) -> str:
-        return f"{_gigabytes(self.memory)} of memory and {_gigabytes(self.disk)} of disk"
+def describe_room(capture: Capture) -> str:
+    """What a run takes, for people."""
+    memory, disk = needed_room(capture)
+    return f"{_gigabytes(memory)} of memory and {_gigabytes(disk)} of disk"
 
 
 def check_room(capture: Capture, folder: Path | None) -> None:
@@ -52,16 +45,18 @@ def check_room(capture: Capture, folder: Path | None) -> None:
         InvalidInput: ``input-options``, with what would fit.
     """
     memory, disk = free_memory(), free_disk(folder)
-    needed = Room.of(capture)
-    if needed.memory <= memory and needed.disk <= disk:
+
+    def fits(scale: float) -> bool:
+        needed = needed_room(capture, scale)
+        return needed[0] <= memory and needed[1] <= disk
+
+    if fits(1.0):
         return
     longest = max(max(photo.camera.width, photo.camera.height) for photo in capture.photos)
-    sizes = range(longest, LEAST_RESOLUTION - 1, -1)
-    rooms = ((size, Room.of(capture, size / longest)) for size in sizes)
-    fits = next((size for size, room in rooms if room.memory <= memory and room.disk <= disk), None)
-    advice = f"--resolution {fits} would fit" if fits else "use fewer points to start from, or a larger machine"
+    size = next((size for size in range(longest, LEAST_RESOLUTION - 1, -1) if fits(size / longest)), None)
+    advice = f"--resolution {size} would fit" if size else "use fewer points to start from, or a larger machine"
     there = f"{_gigabytes(memory)} and {_gigabytes(disk)}"
-    message = f"training takes about {needed}, of which {there} are free: {advice}"
+    message = f"training takes about {describe_room(capture)}, of which {there} are free: {advice}"
     raise InvalidInput("input-options", message, field="resolution")
 
 

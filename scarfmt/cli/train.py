@@ -296,12 +296,12 @@ def _described(now: Progress) -> str:
 
 
 def _print_capture(capture: Capture) -> None:
-    from reference_encoder.training.room import Room
+    from reference_encoder.training.room import describe_room
 
     sizes = sorted({f"{photo.camera.width}x{photo.camera.height}" for photo in capture.photos})
     size = sizes[0] if len(sizes) == 1 else f"{len(sizes)} sizes"
     line = f"{len(capture.photos)} photos of {size}, {len(capture.test)} held out; {len(capture.points):,} points"
-    click.echo(f"{line}; about {Room.of(capture)}", err=True)
+    click.echo(f"{line}; about {describe_room(capture)}", err=True)
 
 
 def _summary(trained: Trained) -> str:

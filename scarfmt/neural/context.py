@@ -85,8 +85,8 @@ def passes(count: int, passes_log2: int) -> list[I64]:
     return out
 
 
-class CellMeans:
-    """The cells of all anchors known in one tile-layer, and means over them.
+class Cells:
+    """The cells of all anchors known in one tile-layer, at each depth.
 
     Anchors are rows, by ascending (Morton code, index).
 
@@ -119,7 +119,7 @@ class CellSums:
         columns: values of an anchor.
     """
 
-    def __init__(self, cells: CellMeans, columns: int) -> None:
+    def __init__(self, cells: Cells, columns: int) -> None:
         self._cells = cells
         finest = len(cells.starts[-1]) if cells.depths else 0
         self._sums = np.zeros((columns, finest))

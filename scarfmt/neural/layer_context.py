@@ -12,7 +12,7 @@ import numpy as np
 from scarfmt.arrays import I32, I64, U64, Ints
 from scarfmt.container.directory import TileFrame
 from scarfmt.container.morton import deinterleave
-from scarfmt.neural.context import CellMeans, CellSums, depth_shifts, passes, put_fine
+from scarfmt.neural.context import Cells, CellSums, depth_shifts, passes, put_fine
 from scarfmt.observe import LayerObserver
 from scarfmt.scene.model import SceneModel
 
@@ -58,10 +58,10 @@ class LayerContext:
         return rows
 
     @cached_property
-    def cells(self) -> CellMeans:
+    def cells(self) -> Cells:
         """The cells of the anchors known."""
         ordered = self.codes[self.by_code]
-        return CellMeans(ordered, depth_shifts(ordered, self.frame.bits, self.model.context.occupancies))
+        return Cells(ordered, depth_shifts(ordered, self.frame.bits, self.model.context.occupancies))
 
     def __len__(self) -> int:
         return len(self.classes)

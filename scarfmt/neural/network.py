@@ -142,6 +142,16 @@ class Head:
         return codewords - np.repeat(self.centroids(codewords), self.clusters, axis=0)
 
 
+def as_activations(words: I64, shift: int, amax: int) -> I64:
+    """(n, R + 1) int64 of (n, R) codewords: rounded to activations, then their magnitude.
+
+    The magnitude tells the many that stand for "next to nothing" from the rest, which no product with a codeword can.
+    """
+    e = np.clip(round_shift(words, shift), -amax, amax)
+    magnitudes = MAGNITUDE_UNIT * np.frexp((e * e).sum(axis=1, keepdims=True).astype(np.float64))[1]
+    return np.concatenate([e, np.minimum(magnitudes, amax)], axis=1)
+
+
 @dataclass(frozen=True)
 class IndexNetwork:
     """The whole network of an ENTROPY_NETWORK block.
@@ -180,10 +190,7 @@ class IndexNetwork:
 
     def codewords(self, book: I64) -> I64:
         """(n, R + 1) int64 codewords as activations, then their magnitude, of an (n, d) codebook."""
-        e = round_shift(book[:, : self.codeword_dims], self.codeword_shift)
-        e = np.clip(e, -self.amax, self.amax)
-        magnitudes = MAGNITUDE_UNIT * np.frexp((e * e).sum(axis=1, keepdims=True).astype(np.float64))[1]
-        return np.concatenate([e, np.minimum(magnitudes, self.amax)], axis=1)
+        return as_activations(book[:, : self.codeword_dims], self.codeword_shift, self.amax)
 
     @property
     def codeword_columns(self) -> int:

@@ -4,24 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from functools import cached_property
-from typing import Protocol
 
 import numpy as np
 
-from scarfmt.arrays import F32, I32, I64, Ints
+from scarfmt.arrays import I32, I64, Ints
 from scarfmt.neural.context import fine
 from scarfmt.neural.layer_context import LayerContext
-from scarfmt.neural.predictors import PassInputs
+from scarfmt.neural.predictors import PassInputs, Predictor
 
-
-class Contexts(Protocol):
-    """The interface of a predictor. An encoder can pass its own implementation to see the inputs."""
-
-    def contexts(self, x: F32) -> I64: ...
-
-
-Predictors = Mapping[tuple[int, int, int], Contexts]
-"""By (stream, component, step)."""
+Predictors = Mapping[tuple[int, int, int], Predictor]
+"""By (stream, component, step). An encoder puts others in their place, to see what they are shown."""
 
 
 class PredictedChannel:

@@ -13,7 +13,7 @@ from scarfmt.arrays import I64
 from scarfmt.limits import MAX_LOCAL_BITS
 from scarfmt.neural.context import (
     FINE_LIMIT,
-    CellMeans,
+    Cells,
     CellSums,
     count_features,
     depth_shifts,
@@ -27,7 +27,7 @@ seeds = st.integers(0, 2**32 - 1)
 
 
 def means_of(
-    cells: CellMeans, columns: NDArray[np.integer], earlier: NDArray[np.bool_], wanted: I64
+    cells: Cells, columns: NDArray[np.integer], earlier: NDArray[np.bool_], wanted: I64
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Means and counts round the rows `wanted`, over the rows of (n, f) `columns` that are `earlier`."""
     sums, rows = CellSums(cells, columns.shape[1]), np.flatnonzero(earlier)
@@ -97,7 +97,7 @@ def test_means_are_those_of_the_anchors_of_the_cell(seed: int, count: int, bits:
     columns = rng.choice([rng.integers(-3, 4, (count, 2)), rng.integers(-FINE_LIMIT, FINE_LIMIT + 1, (count, 2))])
     earlier = rng.random(count) < 0.4
     wanted = np.flatnonzero(rng.random(count) < 0.6)
-    means, counts = means_of(CellMeans(codes, shifts), columns, earlier, wanted)
+    means, counts = means_of(Cells(codes, shifts), columns, earlier, wanted)
     assert means.shape == (len(wanted), len(shifts), 2)
     for place, row in enumerate(wanted):
         before = [0, 0]
@@ -115,7 +115,7 @@ def test_sums_grow_as_passes_add_to_them() -> None:
     """Adding in parts is adding at once."""
     rng = np.random.default_rng(3)
     codes = some_codes(3, 200, 6)
-    cells = CellMeans(codes, depth_shifts(codes, 6, (24, 3)))
+    cells = Cells(codes, depth_shifts(codes, 6, (24, 3)))
     columns, everyone = rng.integers(-999, 999, (200, 3)), np.arange(200)
     sums = CellSums(cells, 3)
     for part in np.array_split(rng.permutation(200), 3):
@@ -130,16 +130,16 @@ def test_a_cell_of_very_many_large_values_stays_exact() -> None:
     codes = np.zeros(count, np.uint64)
     columns = np.full((count, 1), FINE_LIMIT)
     columns[0] -= 1
-    means, counts = means_of(CellMeans(codes, [0]), columns, np.ones(count, np.bool_), np.array([5]))
+    means, counts = means_of(Cells(codes, [0]), columns, np.ones(count, np.bool_), np.array([5]))
     assert (means.item(), counts.item()) == (nearest(count * FINE_LIMIT - 1, count), count)
 
 
 def test_nothing_known_and_no_depths() -> None:
     """Empty tiles and files without context give empty arrays."""
     none = np.zeros(0, np.int64)
-    means, counts = means_of(CellMeans(np.zeros(0, np.uint64), [0, 0]), np.zeros((0, 3), np.int64), none > 0, none)
+    means, counts = means_of(Cells(np.zeros(0, np.uint64), [0, 0]), np.zeros((0, 3), np.int64), none > 0, none)
     assert (means.shape, counts.shape) == ((0, 2, 3), (0, 2))
-    cells = CellMeans(np.arange(4, dtype=np.uint64), [])
+    cells = Cells(np.arange(4, dtype=np.uint64), [])
     means, counts = means_of(cells, np.ones((4, 3), np.int64), np.ones(4, np.bool_), np.arange(4))
     assert (means.shape, counts.shape) == ((4, 0, 3), (4, 0))
 

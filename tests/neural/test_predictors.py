@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from scarfmt.arrays import I64
 from scarfmt.container.schema import Profile, Stream
 from scarfmt.neural.arithmetic import Linear
-from scarfmt.neural.context import CellMeans, CellSums, fine
+from scarfmt.neural.context import Cells, CellSums, fine
 from scarfmt.neural.predictors import (
     AMAX,
     PassInputs,
@@ -143,7 +143,7 @@ class Tile:
 def test_inputs_are_those_of_the_text(seed: int, step: int) -> None:
     """Every column of every anchor, for both components; in step 1 the second sees the first."""
     tile = Tile(seed, step)
-    sums = CellSums(CellMeans(tile.codes, tile.shifts), 2)
+    sums = CellSums(Cells(tile.codes, tile.shifts), 2)
     sums.add(tile.known, fine(tile.values[tile.known], tile.steps[tile.known]))
     values = tile.values[tile.group]
     classes, before = tile.classes[tile.group], tile.before[tile.group]

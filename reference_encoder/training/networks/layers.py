@@ -179,11 +179,6 @@ _BOUND = 1 << 24
 MAX_SHIFT = 24
 
 
-def whole(values: F64) -> F64:
-    """Nearest integers, ties up."""
-    return np.asarray(np.floor(values + 0.5))
-
-
 Scale = tuple[F64, F64]
 """(width,) each: what one unit of each input is in integers, and the mean to take off."""
 

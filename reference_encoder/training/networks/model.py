@@ -34,12 +34,11 @@ from reference_encoder.training.networks.layers import (
     sigmoid12,
     state_scale,
     tanh12,
-    whole,
 )
 from reference_encoder.tuning import BIAS_BITS
 from scarfmt.arrays import I32, I64
 from scarfmt.neural.arithmetic import Linear
-from scarfmt.neural.network import Attention, GruLayer, Head, IndexNetwork, Inputs
+from scarfmt.neural.network import Attention, GruLayer, Head, IndexNetwork, Inputs, as_activations
 from scarfmt.scene.model import Codebooks
 
 _GATE_LIMIT = 2047.0
@@ -227,12 +226,7 @@ def _codewords(books: Sequence[I64], most: int) -> tuple[int, list[I64]]:
     dims = min(most, books[0].shape[1])
     largest = max(int(np.abs(book[:, :dims]).max(initial=0)) for book in books)
     shift = max(0, largest.bit_length() - (ACTIVATION_BITS - 1))
-    parts = [np.clip(whole(book[:, :dims] / 2.0**shift), -TOP, TOP) for book in books]
-    # A codeword's length is seen beside its dimensions, as 8 times the bit length of its square: it tells the many that
-    # stand for "next to nothing" from the rest, which no product with the codeword itself can.
-    lengths = [8.0 * np.frexp(np.square(part).sum(axis=1, keepdims=True))[1] for part in parts]
-    parts = [np.append(part, np.minimum(length, TOP), axis=1) for part, length in zip(parts, lengths, strict=True)]
-    return shift, [part.astype(np.int64) for part in parts]
+    return shift, [as_activations(book[:, :dims], shift, TOP) for book in books]
 
 
 def export_network(model: IndexModel, inputs: Inputs, books: Codebooks) -> IndexNetwork:

@@ -29,7 +29,7 @@ from scarfmt.entropy.rice import pack_rice
 from scarfmt.errors import ScarError
 from scarfmt.limits import FREE_ANCHORS, FREE_CONTENT, FREE_WORK, Limits
 from scarfmt.neural.arithmetic import Linear
-from scarfmt.neural.context import CellMeans, CellSums, count_features, depth_shifts, fine, passes
+from scarfmt.neural.context import Cells, CellSums, count_features, depth_shifts, fine, passes
 from scarfmt.neural.grid import GridLevel, HashGrid
 from scarfmt.neural.predictors import PassInputs, Predictor
 from scarfmt.scene.activation import opacity_logits, spherical_harmonics_from_colour
@@ -158,7 +158,7 @@ def test_context_of_networks() -> None:
     shows("fine", *[int(fine(np.array([[v]]), np.array([n]))[0, 0]) for v, n in pairs])
     shows("passes", 10, 2, *[rank for part in passes(10, 2) for rank in part.tolist()])
     codes = np.array([0, 1, 9, 10, 12, 63], np.uint64)
-    sums = CellSums(CellMeans(codes, depth_shifts(codes, 2, (5, 2))), 1)
+    sums = CellSums(Cells(codes, depth_shifts(codes, 2, (5, 2))), 1)
     sums.add(np.array([0, 2]), np.array([[-7], [2]]))
     means, counts = sums.around(np.array([3, 5]))
     near, far = ([*means[a, :, 0].tolist(), *count_features(counts[a]).tolist()] for a in (0, 1))

@@ -46,17 +46,6 @@ def test_a_share_of_nothing_stands_still() -> None:
     assert descent.parameters["x"].tolist() != [1.0, 1.0]
 
 
-def test_moments_survive_a_checkpoint() -> None:
-    """A descent that was kept goes on as if nothing had happened."""
-    whole = AnchorOptimizer({"x": torch.ones(3)}, {"x": (0.1, 0.1)})
-    _pulled(whole, 4)
-    again = AnchorOptimizer({"x": whole.parameters["x"].detach().clone()}, {"x": (0.1, 0.1)})
-    again.load(whole.state())
-    _pulled(whole, 3)
-    _pulled(again, 3)
-    assert torch.equal(whole.parameters["x"], again.parameters["x"])
-
-
 CPU = torch.device("cpu")
 
 

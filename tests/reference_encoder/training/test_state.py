@@ -3,7 +3,6 @@
 import torch
 
 from reference_encoder.training.anchors import Anchors
-from reference_encoder.training.presets import Curriculum, moment
 from tests.reference_encoder.training import small
 
 
@@ -60,18 +59,3 @@ def test_anchors_come_and_go_without_moving_others() -> None:
     after = state.anchors.select(torch.arange(3))
     assert all(torch.equal(getattr(before, name), getattr(after, name)) for name in vars(before))
     assert len(state.statistics.seen) == 5
-
-
-def test_a_checkpoint_brings_everything_back() -> None:
-    """A state taken up by another draws the same noise, and has the same values."""
-    state, other = small.state(), small.state(seed=1)
-    kept = state.checkpoint()
-    generator = kept["generator"].clone()
-    other.resume(kept)
-    state.generator.set_state(generator)
-    rows = torch.arange(len(state.anchors))
-    now = moment(Curriculum(), 0.4)
-    mine, theirs = state.of_layer(rows, 1, now), other.of_layer(rows, 1, now)
-    assert torch.equal(mine.features, theirs.features)
-    assert torch.equal(mine.shown, theirs.shown)
-    assert torch.equal(mine.offsets, theirs.offsets)

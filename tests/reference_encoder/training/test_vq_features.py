@@ -79,16 +79,3 @@ def test_codewords_are_chosen_in_turns() -> None:
     densify = torch.cat([moved[kept], latent[:3]])
     shown = vectors.features(densify, torch.arange(103), 1, replace(SOFT, beta=1.0))
     assert torch.allclose(shown, _file(vectors, densify, vectors.stages[1]), atol=1e-5)
-
-
-def test_a_checkpoint_keeps_books_and_phase() -> None:
-    """Taken up again, the same features become the same codewords."""
-    vectors, latent = _begun()
-    vectors.open()
-    other = small.state(200, vectors=True, seed=3).vectors
-    assert other is not None
-    other.resume(vectors.checkpoint())
-    assert other.opened
-    assert torch.equal(other.codes(latent), vectors.codes(latent))
-    hard = replace(SOFT, hard=True)
-    assert torch.equal(other.features(latent, ROWS, 1, hard), vectors.features(latent, ROWS, 1, hard))
