@@ -21,8 +21,8 @@ from scarfmt.neural.network import QUERY_AMAX, Attention, GruLayer, IndexNetwork
 from scarfmt.neural.tables import EXP2_LAST, LAST, exp2_table, sigmoid_table, state_table
 from scarfmt.scene.model import Codebooks
 
-_ELEMENTS = 1 << 17
-"""Numbers of an array that is worked on at once: it stays in the cache."""
+_ROWS, _ELEMENTS = 2048, 1 << 17
+"""Anchors that are worked on at once, and numbers of an array of theirs: it stays in the cache."""
 _RECURRENT_AMAX = 2047
 _GATE_ONE = 4096
 _SHARE_ONE = 256
@@ -238,11 +238,11 @@ def _logits(codewords: I64, biases: I64, shift: int) -> Linear:
 
 def _parts(count: int, columns: int) -> Iterator[slice]:
     """Rows 0..count-1 of arrays of so many columns, cut."""
-    step = max(1, _ELEMENTS // columns)
+    step = max(1, min(_ROWS, _ELEMENTS // columns))
     return (slice(first, min(first + step, count)) for first in range(0, count, step))
 
 
 def _by_parts(function: Callable[..., F32], columns: int, *arrays: Numbers) -> F32:
-    """A function of rows, applied to some at a time: at most `columns` numbers of each are alive."""
+    """A function of rows with so many columns, applied to some at a time."""
     parts = list(_parts(len(arrays[0]), columns)) or [slice(0, 0)]
     return np.concatenate([function(*(array[part] for array in arrays)) for part in parts])
