@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 import numpy as np
@@ -135,21 +134,6 @@ def test_sums_of_many_weights_are_exact(size: int) -> None:
     logits[:, 0] = 0
     found = frequency_rows(logits) + 1
     assert found.tolist() == [frequencies_of(row) for row in logits.astype(int).tolist()]
-
-
-def test_one_evaluator_serves_several_threads() -> None:
-    """Nothing is kept between calls: batches in parallel give what they give one after the other."""
-    rng = np.random.default_rng(3)
-    books = random_books(rng, 30, 30, 4)
-    evaluator = Evaluator(random_network(rng, books, INPUTS, hidden=16), books)
-    batches = [(rng.integers(-500, 500, (700, INPUTS.width)), rng.integers(0, 30, (700, 2))) for _ in range(8)]
-
-    def rows(batch: tuple[I64, I64]) -> Any:
-        return first_rows(evaluator, 1, context_of(evaluator, *batch))
-
-    with ThreadPoolExecutor(4) as pool:
-        for batch, found in zip(batches, pool.map(rows, batches), strict=True):
-            assert np.array_equal(found, rows(batch))
 
 
 def test_indices_that_do_not_follow_are_refused() -> None:
