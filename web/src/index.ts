@@ -7,7 +7,7 @@ export { loadModule } from "./decoder/shared_module.js";
 export type * from "./decoder/types.js";
 export { WasmDecoder } from "./decoder/wasm.js";
 export type { Front } from "./format/directory.js";
-export { byView, fileOrder } from "./plan/by_view.js";
+export { byView } from "./plan/by_view.js";
 export type * from "./plan/types.js";
 export { StreamError } from "./stream/errors.js";
 export type { TransportId } from "./stream/errors.js";

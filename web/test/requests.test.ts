@@ -44,50 +44,18 @@ describe("a request", () => {
 });
 
 describe("throughput", () => {
-  it("counts only the time in which something is under way", () => {
-    let now = 0;
-    const meter = new Meter(() => now);
-    assert.equal(meter.rate, 1.25e6);
-    for (let i = 0; i < 30; i++) {
-      meter.begin();
-      for (let j = 0; j < 5; j++) {
-        now += 40;
-        meter.add(4000);
-      }
-      meter.end();
-      now += 5000;
-    }
-    assert.ok(Math.abs(meter.rate - 100_000) < 1, `${meter.rate} bytes a second`);
-  });
-
-  it("follows a change within a second or two", () => {
-    let now = 0;
-    const meter = new Meter(() => now);
-    meter.begin();
-    for (const bytes of [10_000, 1000]) {
-      for (let i = 0; i < 30; i++) {
-        now += 100;
-        meter.add(bytes);
-      }
-    }
-    assert.ok(meter.rate < 15_000 && meter.rate >= 10_000, `${meter.rate} bytes a second`);
-  });
-
   it("knows what the link can bring while it mostly waits for questions", () => {
     let now = 0;
     const meter = new Meter(() => now);
+    assert.equal(meter.capacity, 1.25e6);
     for (let i = 0; i < 20; i++) {
-      meter.begin();
       now += 300;
       for (let j = 0; j < 10; j++) {
         now += 10;
         meter.add(10_000);
       }
-      meter.end();
     }
-    assert.ok(meter.rate < 300_000, `${meter.rate} bytes a second`);
     assert.ok(Math.abs(meter.capacity - 1e6) < 1e5, `${meter.capacity} bytes a second`);
-    meter.begin();
     for (let i = 0; i < 30; i++) {
       now += 100;
       meter.add(1000);

@@ -2,11 +2,10 @@
 
 import assert from "node:assert/strict";
 import { describe, it } from "node:test";
-import type { Camera, Planner } from "../src/plan/types.js";
+import type { Planner } from "../src/plan/types.js";
 import { openedFront, toys, vector, WholeFile } from "./files.js";
 import { serving } from "./server.js";
-import { threadChannel } from "./threads.js";
-import { assertComplete, assertShown, watching } from "./watching.js";
+import { assertComplete, cameraAt, streaming, watching } from "./watching.js";
 
 const bytes = toys();
 
@@ -25,49 +24,32 @@ const turning: Planner = {
   },
 };
 
-function lookingFrom(x: number): Camera {
-  return { position: [x, 0, 0], forward: [0, 0, 1], up: [0, -1, 0], fovY: 1, width: 640, height: 480 };
-}
-
 describe("a stream", () => {
   it("delivers every tile after every layer, as a direct decode does", async () => {
-    await serving(bytes, async (url) => {
-      await watching(url, {}, async (watched) => {
-        const stats = await watched.end();
-        assertComplete(watched, bytes);
-        assert.deepEqual(watched.errors, []);
-        assert.deepEqual(stats.tilesAtLayer, [24, 24, 24, 24, 24]);
-        assert.equal(stats.splatsShown, 10914);
-        assert.ok(stats.layerAt.every((at) => at !== null));
-      });
-    });
-  });
-
-  it("decodes in worker threads, to the same", async () => {
-    await serving(bytes, async (url) => {
-      await watching(url, { workers: 3, channel: threadChannel }, async (watched) => {
-        await watched.end();
-        assertComplete(watched, bytes);
-      });
+    await streaming(bytes, {}, async (watched) => {
+      const stats = await watched.end();
+      assertComplete(watched, bytes);
+      assert.deepEqual(watched.errors, []);
+      assert.deepEqual(stats.tilesAtLayer, [24, 24, 24, 24, 24]);
+      assert.equal(stats.splatsShown, 10914);
+      assert.ok(stats.layerAt.every((at) => at !== null));
     });
   });
 
   it("tells the front first, and in it how many Gaussians will come", async () => {
-    await serving(bytes, async (url) => {
-      await watching(url, {}, async (watched) => {
-        const order: string[] = [];
-        watched.stream.on("front", () => order.push("front"));
-        watched.stream.on("tile", () => order.push("tile"));
-        const front = await watched.stream.ready;
-        await watched.end();
-        assert.deepEqual([order.indexOf("front"), order.lastIndexOf("front")], [0, 0]);
-        const { layers, counts } = front.index;
-        for (const { tile, layer, count } of watched.tiles) {
-          const appeared = counts.subarray(tile * layers, tile * layers + layer).reduce((a, b) => a + b, 0);
-          assert.equal(count, appeared);
-        }
-        assert.equal(front.total, 10914);
-      });
+    await streaming(bytes, {}, async (watched) => {
+      const order: string[] = [];
+      watched.stream.on("front", () => order.push("front"));
+      watched.stream.on("tile", () => order.push("tile"));
+      const front = await watched.stream.ready;
+      await watched.end();
+      assert.deepEqual([order.indexOf("front"), order.lastIndexOf("front")], [0, 0]);
+      const { layers, counts } = front.index;
+      for (const { tile, layer, count } of watched.tiles) {
+        const appeared = counts.subarray(tile * layers, tile * layers + layer).reduce((a, b) => a + b, 0);
+        assert.equal(count, appeared);
+      }
+      assert.equal(front.total, 10914);
     });
   });
 
@@ -82,31 +64,28 @@ describe("a stream", () => {
 
   it("asks for no byte of a block twice, in few requests", async () => {
     const [first] = new WholeFile(bytes).blocks;
-    await serving(bytes, async (url, server) => {
-      server.delay = 5;
-      await watching(url, {}, async (watched) => {
-        const stats = await watched.end();
-        const times = new Uint8Array(bytes.length);
-        for (const { range } of server.asked) for (let at = range![0]; at <= range![1]; at++) times[at]++;
-        assert.equal(
-          times.subarray(first.offset).findIndex((n) => n !== 1),
-          -1,
-        );
-        assert.equal(server.asked.length, stats.requests);
-        assert.ok(stats.requests <= 4, `${stats.requests} requests for ${bytes.length} bytes`);
-        assert.equal(stats.bytesRead, bytes.length);
-      });
+    await streaming(bytes, { prepare: (server) => (server.delay = 5) }, async (watched, server) => {
+      const stats = await watched.end();
+      const times = new Uint8Array(bytes.length);
+      for (const { range } of server.asked) for (let at = range![0]; at <= range![1]; at++) times[at]++;
+      assert.equal(
+        times.subarray(first.offset).findIndex((n) => n !== 1),
+        -1,
+      );
+      assert.equal(server.asked.length, stats.requests);
+      assert.ok(stats.requests <= 4, `${stats.requests} requests for ${bytes.length} bytes`);
+      assert.equal(stats.bytesRead, bytes.length);
     });
   });
 
   it("follows the plan, and another plan where the view changes", async () => {
     await serving(bytes, async (url, server) => {
       server.delay = 20;
-      await watching(url, { planner: turning, camera: lookingFrom(20), replanMs: 0 }, async (watched) => {
-        watched.stream.on("front", () => watched.stream.setView(lookingFrom(10)));
+      await watching(url, { planner: turning, camera: cameraAt(20), replanMs: 0 }, async (watched) => {
+        watched.stream.on("front", () => watched.stream.setView(cameraAt(10)));
         await watched.end();
         assertComplete(watched, bytes);
-        watched.stream.setView(lookingFrom(3));
+        watched.stream.setView(cameraAt(3));
         const stats = await watched.end();
         assert.equal(stats.requests, server.asked.length);
       });
@@ -132,10 +111,10 @@ describe("a stream", () => {
         response.writeHead(206).flushHeaders();
         return true;
       };
-      await watching(url, { planner: near, camera: lookingFrom(15), replanMs: 0 }, async (watched) => {
+      await watching(url, { planner: near, camera: cameraAt(15), replanMs: 0 }, async (watched) => {
         while (hung === 0) await new Promise((resolve) => setTimeout(resolve, 5));
         turned = true;
-        watched.stream.setView(lookingFrom(3));
+        watched.stream.setView(cameraAt(3));
         const stats = await watched.end();
         assert.ok(stats.aborted >= hung);
         assert.deepEqual(watched.errors, []);
@@ -147,16 +126,14 @@ describe("a stream", () => {
 
   it("gives what the block STREAMING says, and plans by it", async () => {
     const file = vector("valid/streaming");
-    await serving(file, async (url) => {
-      await watching(url, {}, async (watched) => {
-        const found: unknown[] = [];
-        watched.stream.on("streaming", (streaming) => found.push(streaming));
-        await watched.end();
-        assertComplete(watched, file);
-        const { index } = watched.stream.front!;
-        assert.equal(index.streaming?.tiles, index.tiles);
-        assert.deepEqual(found, [index.streaming]);
-      });
+    await streaming(file, {}, async (watched) => {
+      const found: unknown[] = [];
+      watched.stream.on("streaming", (streaming) => found.push(streaming));
+      await watched.end();
+      assertComplete(watched, file);
+      const { index } = watched.stream.front!;
+      assert.equal(index.streaming?.tiles, index.tiles);
+      assert.deepEqual(found, [index.streaming]);
     });
   });
 
@@ -171,16 +148,14 @@ describe("a stream", () => {
       [file, [picture, "tile"]],
       [damaged, ["tile"]],
     ] as const) {
-      await serving(whole, async (url) => {
-        await watching(url, {}, async (watched) => {
-          const found: unknown[] = [];
-          watched.stream.on("thumbnail", (bytes) => found.push(bytes));
-          watched.stream.on("tile", () => found.includes("tile") || found.push("tile"));
-          await watched.end();
-          assertComplete(watched, file);
-          assert.deepEqual(found, expected);
-          assert.deepEqual(watched.errors, []);
-        });
+      await streaming(whole, {}, async (watched) => {
+        const found: unknown[] = [];
+        watched.stream.on("thumbnail", (bytes) => found.push(bytes));
+        watched.stream.on("tile", () => found.includes("tile") || found.push("tile"));
+        await watched.end();
+        assertComplete(watched, file);
+        assert.deepEqual(found, expected);
+        assert.deepEqual(watched.errors, []);
       });
     }
   });
@@ -191,13 +166,11 @@ describe("a stream", () => {
       (index.boxes[6 * tile + axis] + index.boxes[6 * tile + 3 + axis]) / 2;
     const target = 17;
     const eye = [0, 1, 2].map((axis) => middle(target, axis) - (axis === 2 ? 0.05 : 0)) as [number, number, number];
-    await serving(bytes, async (url) => {
-      await watching(url, { camera: { ...lookingFrom(0), position: eye, fovY: 0.1 } }, async (watched) => {
-        await watched.end();
-        assertComplete(watched, bytes);
-        const place = watched.tiles.findIndex(({ tile }) => tile === target);
-        assert.ok(place < 12, `tile ${target} was number ${place}, in file order it would be number 17`);
-      });
+    await streaming(bytes, { camera: { ...cameraAt(0), position: eye, fovY: 0.1 } }, async (watched) => {
+      await watched.end();
+      assertComplete(watched, bytes);
+      const place = watched.tiles.findIndex(({ tile }) => tile === target);
+      assert.ok(place < 12, `tile ${target} was number ${place}, in file order it would be number 17`);
     });
   });
 
@@ -221,38 +194,34 @@ describe("a stream", () => {
 
   it("takes a small file from the first answer alone", async () => {
     const small = vector("valid/index-modes");
-    await serving(small, async (url, server) => {
-      await watching(url, {}, async (watched) => {
-        await watched.end();
-        assertComplete(watched, small);
-        assert.equal(server.asked.length, 1);
-      });
+    await streaming(small, {}, async (watched, server) => {
+      await watched.end();
+      assertComplete(watched, small);
+      assert.equal(server.asked.length, 1);
     });
   });
 
   it("delivers a viewer's words where it is asked to", async () => {
-    await serving(bytes, async (url) => {
-      await watching(url, { output: "words" }, async (watched) => {
-        await watched.end();
-        for (const { output, count } of watched.shown.values())
-          assert.equal("geometry" in output && output.geometry.length, 8 * count);
-        assert.equal(watched.shown.size, 24);
-      });
+    await streaming(bytes, { output: "words" }, async (watched) => {
+      await watched.end();
+      for (const { output, count } of watched.shown.values())
+        assert.equal("geometry" in output && output.geometry.length, 8 * count);
+      assert.equal(watched.shown.size, 24);
     });
   });
 
   it("makes Gaussians of anchors again where the camera has moved", async () => {
     const anchors = vector("valid/anchors");
-    await watching(new Blob([anchors.slice()]), { camera: lookingFrom(30), replanMs: 0 }, async (watched) => {
+    await watching(new Blob([anchors.slice()]), { camera: cameraAt(30), replanMs: 0 }, async (watched) => {
       await watched.end();
       const before = watched.tiles.length;
       const colours = new Map(
         [...watched.shown].map(([tile, { output }]) => [tile, "sh" in output ? output.sh : null]),
       );
-      watched.stream.setView(lookingFrom(30.01));
+      watched.stream.setView(cameraAt(30.01));
       await watched.end();
       assert.equal(watched.tiles.length, before, "a small step changes nothing");
-      watched.stream.setView(lookingFrom(-60));
+      watched.stream.setView(cameraAt(-60));
       await watched.end();
       assert.ok(watched.tiles.length > before);
       for (const { tile, output } of watched.tiles.slice(before))
@@ -260,29 +229,13 @@ describe("a stream", () => {
     });
   });
 
-  it("gives tiles as they are after some layers when it is closed early", async () => {
-    await serving(bytes, async (url, server) => {
-      server.delay = 10;
-      await watching(url, {}, async (watched) => {
-        await new Promise<void>((resolve) => watched.stream.on("tile", () => resolve()));
-        watched.stream.close();
-        const count = watched.tiles.length;
-        await new Promise((resolve) => setTimeout(resolve, 100));
-        assert.equal(watched.tiles.length, count);
-        assertShown(watched.shown, bytes);
-      });
-    });
-  });
-
   it("asks for nothing more when it is closed by who sees the front", async () => {
-    await serving(bytes, async (url, server) => {
-      await watching(url, {}, async (watched) => {
-        watched.stream.on("front", () => watched.stream.close());
-        await assert.rejects(watched.stream.ready);
-        await new Promise((resolve) => setTimeout(resolve, 100));
-        assert.equal(server.asked.length, 1);
-        assert.equal(watched.tiles.length, 0);
-      });
+    await streaming(bytes, {}, async (watched, server) => {
+      watched.stream.on("front", () => watched.stream.close());
+      await assert.rejects(watched.stream.ready);
+      await new Promise((resolve) => setTimeout(resolve, 100));
+      assert.equal(server.asked.length, 1);
+      assert.equal(watched.tiles.length, 0);
     });
   });
 });

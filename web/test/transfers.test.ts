@@ -95,8 +95,7 @@ describe("transfers", () => {
     const source = new SteppedSource(true);
     const { transfers, taken, failures, meter } = transfersOf(source);
     // As slow as 100 kbit/s, so that the file is many times what may be under way.
-    meter.begin();
-    Object.defineProperty(meter, "rate", { get: () => 12_500 });
+    Object.defineProperty(meter, "capacity", { get: () => 12_500 });
     const { underWay, most } = requestSizes(12_500, 0);
     transfers.want(all);
     let largest = 0;
@@ -117,7 +116,7 @@ describe("transfers", () => {
   it("go on in the order of the plan", async () => {
     const source = new SteppedSource(true);
     const { transfers, taken, meter } = transfersOf(source);
-    Object.defineProperty(meter, "rate", { get: () => 1 });
+    Object.defineProperty(meter, "capacity", { get: () => 1 });
     const last = all.slice(-3);
     transfers.want([...last, ...all.slice(0, -3)]);
     for (let i = 0; i < 200 && taken.length < 3; i++) await source.step();

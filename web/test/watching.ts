@@ -3,11 +3,13 @@
 import assert from "node:assert/strict";
 import { inlineChannel } from "../src/decoder/channel.js";
 import type { TileValues } from "../src/decoder/types.js";
+import type { Camera } from "../src/plan/types.js";
 import type { StreamError } from "../src/stream/errors.js";
 import { ScarStream, type Stats, type StreamOptions, type TileEvent } from "../src/stream/scar_stream.js";
 import type { SourceLike } from "../src/stream/source.js";
 import { Feeder } from "./feeding.js";
 import { decoder } from "./files.js";
+import { type FileServer, serving } from "./server.js";
 
 /** A stream with what it told so far. */
 export class Watched {
@@ -64,6 +66,23 @@ export async function watching(
   } finally {
     watched.stream.close();
   }
+}
+
+/** Runs with a watched stream from a server that has a file, `prepare`d before the stream begins. */
+export async function streaming(
+  file: Uint8Array,
+  { prepare, ...options }: StreamOptions & { prepare?: (server: FileServer) => void },
+  run: (watched: Watched, server: FileServer, url: string) => Promise<void>,
+): Promise<void> {
+  await serving(file, async (url, server) => {
+    prepare?.(server);
+    await watching(url, options, (watched) => run(watched, server, url));
+  });
+}
+
+/** A camera for planners of tests, which look at x alone. */
+export function cameraAt(x: number): Camera {
+  return { position: [x, 0, 0], forward: [0, 0, 1], up: [0, -1, 0], fovY: 1, width: 640, height: 480 };
 }
 
 const NAMES = ["centres", "scales", "quats", "opacity", "sh"] as const;

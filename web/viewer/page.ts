@@ -1,6 +1,6 @@
 /** The page: scenes by `?url=` and `&beside=`, or dropped; one camera for all that is shown. */
 
-import { ScarStream } from "../src/stream/scar_stream.js";
+import { UPWARD } from "../src/plan/framing.js";
 import type { SourceLike } from "../src/stream/source.js";
 import { createViewer, type Viewer, type ViewerState } from "../src/viewer/viewer.js";
 import { namedView, viewName } from "./address.js";
@@ -27,7 +27,6 @@ const ALL_DEGREES = 3;
 const PATIENCE_MS = 2500;
 /** In lower frames the panel would hide the scene. */
 const LEAST_HEIGHT = 420;
-const UPWARD = [[0, -1, 0], [0, 1, 0], [0, 0, 1], [0, 0, -1], [1, 0, 0], [-1, 0, 0]] as [number, number, number][];
 /** The page's state is the first of these that a viewer has. */
 const STATES: ViewerState[] = ["loading", "reading", "drawing", "failed", "still", "empty"];
 
@@ -204,4 +203,3 @@ listen(page, (files, links) => page.open(origins(files, links)));
 const { scene } = (globalThis as { scarFiles?: { scene: File } }).scarFiles ?? {};
 const named = origins(scene ? [scene] : [], scene ? [] : ["url", "beside"].flatMap((key) => said.getAll(key)));
 if (named.length > 0) page.open(named);
-else ScarStream.prepare();

@@ -18,39 +18,10 @@ export interface ChannelEvents {
 
 export type MakeChannel = (events: ChannelEvents) => Channel;
 
-interface Started {
-  worker: Worker;
-  /** Rejects where the module cannot be loaded. */
-  begun: Promise<void>;
-}
-
-/** Workers that have begun to load, for streams to come. */
-const spare: Started[] = [];
-
-/** Starts workers, so that the next stream need not wait for them. */
-export function prepareWorkers(count: number): void {
-  while (spare.length < count) {
-    const started = startWorker();
-    const drop = () => {
-      const at = spare.indexOf(started);
-      if (at >= 0) spare.splice(at, 1);
-    };
-    // A stream that takes it later would not learn of an earlier failure.
-    started.worker.onerror = drop;
-    started.begun.catch(drop);
-    spare.push(started);
-  }
-}
-
-function startWorker(): Started {
-  const worker = makeWorker();
-  const begun = sharedModule().then((module) => worker.postMessage({ module } satisfies Beginning));
-  return { worker, begun };
-}
-
 /** A decoder in a module worker, whose script lies beside this one. It takes requests before it is loaded. */
 export function workerChannel({ onReply, onFailure }: ChannelEvents): Channel {
-  const { worker, begun } = spare.pop() ?? startWorker();
+  const worker = makeWorker();
+  const begun = sharedModule().then((module) => worker.postMessage({ module } satisfies Beginning));
   worker.onmessage = ({ data }: MessageEvent<Reply>) => onReply(data);
   worker.onerror = (event) => onFailure(event.message || "the worker could not be loaded");
   worker.onmessageerror = () => onFailure("a message of the worker could not be read");

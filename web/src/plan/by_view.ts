@@ -29,9 +29,7 @@ export const byView: Planner = {
   },
 };
 
-/** Layer by layer, tiles in Morton order, as blocks lie in the file; looks at no camera. */
-export const fileOrder: Planner = { plan: (index, _camera, have) => inFileOrder(index, have) };
-
+/** Layer by layer, tiles in Morton order, as blocks lie in the file. */
 function inFileOrder({ tiles, layers }: FileIndex, have: Uint8Array): Step[] {
   const steps: Step[] = [];
   for (let layer = 1; layer <= layers; layer++) {

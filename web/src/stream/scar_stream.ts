@@ -1,6 +1,6 @@
 /** A scene that arrives: what a page works with. */
 
-import { inlineChannel, type MakeChannel, prepareWorkers, workerChannel } from "../decoder/channel.js";
+import { inlineChannel, type MakeChannel, workerChannel } from "../decoder/channel.js";
 import type { Output, TileOutput } from "../decoder/protocol.js";
 import { byView } from "../plan/by_view.js";
 import type { Budgets, Camera, Planner } from "../plan/types.js";
@@ -65,7 +65,7 @@ export interface Stats extends Progress {
   retries: number;
   /** Requests given up since the view changed. */
   aborted: number;
-  /** Bytes a second, a mean of the last second. */
+  /** Bytes a second that the connection brings. */
   throughput: number;
   /** Seconds to the first byte of a request. */
   delay: number;
@@ -151,18 +151,6 @@ export class ScarStream {
     this.ready.catch(() => undefined);
   }
 
-  /** @returns a stream whose front is read */
-  static async open(source: SourceLike, options: StreamOptions = {}): Promise<ScarStream> {
-    const stream = new ScarStream(source, options);
-    await stream.ready;
-    return stream;
-  }
-
-  /** Loads decoders before a scene is asked for, so that the next stream has them at once. */
-  static prepare(workers = defaultWorkers()): void {
-    prepareWorkers(workers);
-  }
-
   /** What the front says, null before it is read. */
   get front(): Front | null {
     return this.#front;
@@ -202,7 +190,7 @@ export class ScarStream {
   stats(): Stats {
     const refiner = this.#refiner;
     const counts = refiner?.transfers.counts;
-    const { rate: throughput, delay } = this.#meter;
+    const { capacity: throughput, delay } = this.#meter;
     return {
       ...this.#progress(),
       bytesUsed: counts?.bytesUsed ?? 0,

@@ -132,7 +132,6 @@ export class Transfers {
     for (let e = firstFrom(at, offset); e < at.length && at[e] < end; e++) if (length[e] > 0 && wants(e)) entries.push(e);
     if (this.source.ranged !== false) for (const e of entries) this.#state[e] = UNDER_WAY;
     const transfer = this.#transfer({ start: offset, end, entries }, wants);
-    this.meter.begin();
     void this.#settle(transfer, this.#read(transfer, body, rest));
   }
 
@@ -195,7 +194,6 @@ export class Transfers {
     const transfer = this.#transfer({ ...range, start }, wants, partial);
     for (const e of range.entries) this.#state[e] = UNDER_WAY;
     this.counts.requests++;
-    this.meter.begin();
     void this.#settle(transfer, this.#ask(transfer));
   }
 
@@ -252,7 +250,6 @@ export class Transfers {
     } catch (error) {
       failure = error;
     }
-    this.meter.end();
     this.#running.delete(transfer);
     for (const e of transfer.entries) if (this.#state[e] === UNDER_WAY) this.#state[e] = IDLE;
     const { unfinished } = transfer.assembler;
