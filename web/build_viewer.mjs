@@ -1,6 +1,6 @@
 /** Builds the page of `scarfmt view` into the Python package. `node build_viewer.mjs` */
 
-import { copyFileSync, existsSync, mkdirSync, readdirSync, readFileSync, rmSync, writeFileSync } from "node:fs";
+import { copyFileSync, mkdirSync, readdirSync, readFileSync, rmSync, writeFileSync } from "node:fs";
 import { gzipSync } from "node:zlib";
 import { build } from "esbuild";
 import { writeComponents } from "./components.mjs";
@@ -37,28 +37,26 @@ const embeddedFiles = {
   },
 };
 
-/** Scripts that one imports, itself first; `later` with those that it imports only when it needs them. */
-function imported(outputs, path, later) {
+/** Scripts that one imports at once, itself first. */
+function imported(outputs, path) {
   const found = new Set([path]);
   for (const one of found) {
-    for (const { path: other, kind } of outputs[one].imports) {
-      if (kind === "import-statement" || (later && kind === "dynamic-import")) found.add(other);
-    }
+    for (const { path: other, kind } of outputs[one].imports) if (kind === "import-statement") found.add(other);
   }
   return [...found];
 }
 
-/** The page, which names all that the first picture needs, so that nothing waits for the script that asks for it. */
+/** The page with its style in it. */
+function styledPage() {
+  const style = `<style>${readFileSync(`${ROOT}/viewer/viewer.css`, "utf8")}</style>`;
+  return readFileSync(`${ROOT}/viewer/index.html`, "utf8").replace(/<link rel="stylesheet".*\/>/, () => style);
+}
+
+/** The page, which names the scripts that the first picture needs, so that none waits for another that asks for it. */
 function writePage({ outputs }) {
-  const named = (name) => Object.keys(outputs).find((path) => path.endsWith(`/${name}`));
-  const drawing = Object.keys(outputs).find((path) => /\/drawing-\w+\.js$/.test(path));
-  const scripts = new Set([...imported(outputs, named("page.js")), ...imported(outputs, drawing)]);
-  const links = [...scripts].map((path) => `<link rel="modulepreload" href="${path.split("/").pop()}" />`);
-  if (existsSync(`${PAGE}/${SPARK_MODULE}`)) {
-    links.push(`<link rel="preload" as="fetch" type="application/wasm" crossorigin href="${SPARK_MODULE}" />`);
-  }
-  const page = readFileSync(`${ROOT}/viewer/index.html`, "utf8");
-  writeFileSync(`${PAGE}/index.html`, page.replace("  </head>", `${links.map((link) => `    ${link}\n`).join("")}  </head>`));
+  const scripts = imported(outputs, Object.keys(outputs).find((path) => path.endsWith("/page.js")));
+  const links = scripts.map((path) => `    <link rel="modulepreload" href="${path.split("/").pop()}" />\n`);
+  writeFileSync(`${PAGE}/index.html`, styledPage().replace("  </head>", () => `${links.join("")}  </head>`));
 }
 
 mkdirSync(PAGE, { recursive: true });
@@ -82,7 +80,6 @@ const { metafile } = await build({
   plugins: [sparkModule(`new URL("./${SPARK_MODULE}", import.meta.url)`)],
 });
 writePage(metafile);
-copyFileSync(`${ROOT}/viewer/viewer.css`, `${PAGE}/viewer.css`);
 copyFileSync(`${ROOT}/dist/scar.wasm`, `${PAGE}/scar.wasm`);
 writeComponents(PAGE, metafile, SPARK_MODULE);
 
@@ -97,12 +94,9 @@ async function writeEmbedded() {
     spark: readFileSync(`${PAGE}/${SPARK_MODULE}`),
   };
   const data = Object.entries(parts).map(([id, bytes]) => `<script type="text/plain" id="file-${id}">${gzipSync(bytes, { level: 9 }).toString("base64")}</script>\n`);
-  const style = `<style>${readFileSync(`${PAGE}/viewer.css`, "utf8")}</style>`;
   const licences = `<script type="text/plain">${readFileSync(`${PAGE}/licences.txt`, "utf8")}</script>\n`;
   const start = `<script type="module">${readFileSync(`${ROOT}/viewer/embedded.js`, "utf8")}</script>`;
-  const page = readFileSync(`${ROOT}/viewer/index.html`, "utf8")
-    .replace(/<link rel="stylesheet".*\/>/, () => style)
-    .replace(/<script type="module".*<\/script>/, () => `${licences}${data.join("")}<!--scene-->\n${start}`);
-  writeFileSync(`${PAGE}/embedded.html`, page);
+  const content = `${licences}${data.join("")}<!--scene-->\n${start}`;
+  writeFileSync(`${PAGE}/embedded.html`, styledPage().replace(/<script type="module".*<\/script>/, () => content));
 }
 await writeEmbedded();

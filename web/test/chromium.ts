@@ -53,17 +53,32 @@ export async function bare(page: Page): Promise<void> {
   await page.addStyleTag({ content: "nav, aside, #message, #loading { display: none !important }" });
 }
 
-/** Share of the pixels that are brighter than black. */
-export async function lit(page: Page): Promise<number> {
-  await bare(page);
-  const png = await page.screenshot({ encoding: "base64" });
-  return page.evaluate(async (data) => {
+/** Bytes of a picture, red, green, blue and opacity; a page decodes it. @param png base64 */
+async function pixels(page: Page, png: string): Promise<Buffer> {
+  const decoded = await page.evaluate(async (data) => {
     const picture = await createImageBitmap(await (await fetch(`data:image/png;base64,${data}`)).blob());
     const context = new OffscreenCanvas(picture.width, picture.height).getContext("2d")!;
     context.drawImage(picture, 0, 0);
     const { data: rgba } = context.getImageData(0, 0, picture.width, picture.height);
-    let count = 0;
-    for (let i = 0; i < rgba.length; i += 4) count += rgba[i] + rgba[i + 1] + rgba[i + 2] > 60 ? 1 : 0;
-    return (4 * count) / rgba.length;
+    const parts = Array.from({ length: Math.ceil(rgba.length / 4096) }, (_, i) => rgba.subarray(4096 * i, 4096 * (i + 1)));
+    return btoa(parts.map((part) => String.fromCharCode(...part)).join(""));
   }, png);
+  return Buffer.from(decoded, "base64");
+}
+
+/** Share of the pixels that are brighter than black. */
+export async function lit(page: Page): Promise<number> {
+  await bare(page);
+  const rgba = await pixels(page, await page.screenshot({ encoding: "base64" }));
+  let count = 0;
+  for (let i = 0; i < rgba.length; i += 4) count += rgba[i] + rgba[i + 1] + rgba[i + 2] > 60 ? 1 : 0;
+  return (4 * count) / rgba.length;
+}
+
+/** PSNR between two pictures, dB. */
+export async function psnr(page: Page, one: string, other: string): Promise<number> {
+  const [a, b] = [await pixels(page, one), await pixels(page, other)];
+  const squares = a.reduce((sum, x, i) => sum + (x - b[i]) ** 2, 0);
+  // Opacity is the same everywhere.
+  return 10 * Math.log10((255 ** 2 * 0.75 * a.length) / squares);
 }

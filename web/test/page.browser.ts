@@ -2,13 +2,16 @@
 
 import assert from "node:assert/strict";
 import { describe, it } from "node:test";
-import { lit, until } from "./chromium.js";
+import { bare, lit, psnr, until } from "./chromium.js";
 import type { Viewer } from "../src/viewer/viewer.js";
 import { vector } from "./files.js";
 import { sharedBrowser } from "./shared_browser.js";
 import { bytes, complete, untilComplete, viewingIn } from "./viewing.js";
 
 const viewing = viewingIn(sharedBrowser());
+
+/** Between a sketch and Spark, dB. */
+const LEAST_PSNR = 35;
 
 /** `viewer` in the page is its first. */
 const withViewer = {
@@ -114,32 +117,64 @@ describe("the viewer page", () => {
 });
 
 describe("a page that loads", () => {
-  it("asks for the scene before the largest script has come", async () => {
+  it("asks for the scene before its scripts have come, once", async () => {
     let asked: () => void;
     const scene = new Promise<void>((resolve) => (asked = resolve));
-    await viewing(async (page) => untilComplete(page, 5), {
-      prepare: (server, host) => {
-        host.before = async (name) => (name.startsWith("drawing-") ? scene : undefined);
-        server.trick = () => {
-          asked();
-          return false;
-        };
+    await viewing(
+      async (page, server) => {
+        await untilComplete(page, 5);
+        assert.equal(server.asked.filter(({ range }) => range?.[0] === 0).length, 1);
       },
-    });
+      {
+        prepare: (server, host) => {
+          host.before = async (name) => (name.endsWith(".js") ? scene : undefined);
+          server.trick = () => {
+            asked();
+            return false;
+          };
+        },
+      },
+    );
   });
 
-  it("shows the small picture in the file until what draws the scene has come", async () => {
+  it("shows the small picture in the file until layer 1 has come", async () => {
     let release: () => void = () => undefined;
     const held = new Promise<void>((resolve) => (release = resolve));
-    const shows = (what: string) => `document.querySelector("canvas")?.style.background.includes("${what}")`;
+    const poster = 'document.querySelector("canvas")?.style.background.includes("blob:")';
     await viewing(
       async (page) => {
-        await page.waitForFunction(shows("blob:"), { polling: 50 });
+        await page.waitForFunction(poster, { polling: 50 });
         release();
-        await page.waitForFunction(shows("none"), { polling: 50 });
+        await page.waitForFunction(`!${poster}`, { polling: 50 });
       },
       {
         scene: vector("valid/annotations"),
+        prepare: (_, host) => {
+          host.before = async (name) => (name === "scar.wasm" ? held : undefined);
+        },
+      },
+    );
+  });
+
+  it("draws layer 1 before the library that draws has come, and nearly as that does", async () => {
+    let release: () => void = () => undefined;
+    const held = new Promise<void>((resolve) => (release = resolve));
+    await viewing(
+      async (page) => {
+        await page.waitForFunction("viewer.stats()?.layerAt[0] && getComputedStyle(viewer.canvas).backgroundImage === 'none'", { polling: 100 });
+        await page.evaluate("new Promise((resolve) => requestAnimationFrame(() => requestAnimationFrame(resolve)))");
+        assert.deepEqual((await page.evaluate("viewer.stats().tilesAtLayer")) as number[], [24, 0, 0, 0, 0]);
+        await bare(page);
+        const sketched = await page.screenshot({ encoding: "base64" });
+        release();
+        await until(page, "still");
+        await page.keyboard.press("1");
+        await page.keyboard.press("h");
+        await untilComplete(page, 1);
+        assert.ok((await psnr(page, sketched, await page.screenshot({ encoding: "base64" }))) > LEAST_PSNR);
+      },
+      {
+        ...withViewer,
         prepare: (_, host) => {
           host.before = async (name) => (name.startsWith("drawing-") ? held : undefined);
         },

@@ -34,6 +34,17 @@ const STATES: ViewerState[] = ["loading", "reading", "drawing", "failed", "still
 const said = new URLSearchParams(location.search);
 const memory = Number(said.get("memory") ?? NaN) * MEGABYTE;
 
+/** The answer to the first request, which the page makes before this script is there; to be taken once. */
+let { firstAnswer = null } = globalThis as { firstAnswer?: Promise<Response | null> | null };
+
+/** `fetch`, but for what is under way already. */
+async function fetchNext(...asked: Parameters<typeof fetch>): Promise<Response> {
+  if (asked[0] !== new URL(said.get("url") ?? "", location.href).href) return fetch(...asked);
+  const answer = firstAnswer;
+  firstAnswer = null;
+  return (await answer) ?? fetch(...asked);
+}
+
 export class Page {
   #shown: Shown[] = [];
   #wait: ReturnType<typeof setTimeout> | undefined;
@@ -133,7 +144,7 @@ export class Page {
       view,
       background: element<HTMLInputElement>("background").value,
       poster: said.get("poster") ?? undefined,
-      stream: memory > 0 ? { budgets: { bytes: memory } } : {},
+      stream: { fetch: fetchNext, budgets: memory > 0 ? { bytes: memory } : {} },
     });
     const panel = new Panel(viewer, origin.name);
     this.#shown.push({ origin, place, viewer, panel });

@@ -82,11 +82,11 @@ function along(a: Point, b: Point): number {
   return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
 }
 
-function unit([x, y, z]: Point): Point {
+export function unit([x, y, z]: Point): Point {
   const length = Math.sqrt(x * x + y * y + z * z);
   return [x / length, y / length, z / length];
 }
 
-function cross([ax, ay, az]: Point, [bx, by, bz]: Point): Point {
+export function cross([ax, ay, az]: Point, [bx, by, bz]: Point): Point {
   return [ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx];
 }

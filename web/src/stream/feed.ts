@@ -32,6 +32,8 @@ export interface FeedEvents {
   opening: View;
   /** A small picture of the scene, as a rule before any tile. */
   thumbnail: Uint8Array;
+  /** A tile of layer 1, while nothing draws the scene. */
+  early: PackedTile;
   /** Something has come, went, or is asked for. */
   change: null;
   retry: StreamError;
@@ -44,6 +46,8 @@ export class Feed {
   opening: View | null = null;
   /** Whether all that is wanted has come. */
   done = false;
+  /** Whether layer 1 is all there, as far as it can be. */
+  begun = false;
   error: StreamError | null = null;
   readonly #emitter = new Emitter<FeedEvents>();
   readonly #looking = new Looking((camera) => this.#setView(camera));
@@ -68,12 +72,13 @@ export class Feed {
     return this.#emitter.on(name, handler);
   }
 
-  /** Gives all to a sink from now on, and what has come already at once. */
+  /** Gives all to a sink from now on, and what has come already at once. Before, only layer 1 is asked for. */
   drawOn(sink: Sink): void {
     this.#sink = sink;
     if (this.front !== null) sink.open(this.front, this.#stream.budgets);
     for (const words of this.#early.values()) sink.put(words);
     this.#early.clear();
+    if (this.#camera !== undefined) this.#setView(this.#camera);
   }
 
   get layers(): number {
@@ -131,9 +136,12 @@ export class Feed {
 
   #open(): ScarStream {
     this.done = false;
+    this.begun = false;
     this.error = null;
+    // Nobody sees later layers before there is something that draws: what draws is to be fetched first.
+    const most = () => (this.#sink === null ? 1 : this.#layers);
     const planner = {
-      plan: (...asked: Parameters<typeof byView.plan>) => byView.plan(...asked).filter(({ layer }) => layer <= this.#layers),
+      plan: (...asked: Parameters<typeof byView.plan>) => byView.plan(...asked).filter(({ layer }) => layer <= most()),
     };
     const stream = new ScarStream(this.source, { ...this.options, planner, camera: this.#camera, output: "words" });
     stream.on("front", (front) => {
@@ -146,8 +154,13 @@ export class Feed {
     stream.on("thumbnail", (picture) => this.#emitter.emit("thumbnail", picture));
     stream.on("tile", ({ output }) => {
       const words = output as PackedTile;
-      if (this.#sink === null) this.#early.set(words.tile, words);
-      else this.#sink.put(words);
+      if (this.#sink !== null) {
+        this.#sink.put(words);
+      } else {
+        this.#early.set(words.tile, words);
+        this.#emitter.emit("early", words);
+      }
+      this.begun ||= stream.stats().layerAt[0] !== null;
       this.#emitter.emit("change", null);
     });
     stream.on("evict", ({ tile }) => {
@@ -157,12 +170,14 @@ export class Feed {
     });
     stream.on("progress", () => this.#emitter.emit("change", null));
     stream.on("done", () => {
-      this.done = true;
+      this.done = this.#sink !== null;
+      this.begun = true;
       this.#emitter.emit("change", null);
     });
     stream.on("retry", ({ error }) => this.#emitter.emit("retry", error));
     stream.on("error", (error) => {
       this.error = error;
+      this.begun ||= error.fatal && this.front !== null;
       this.#emitter.emit("error", error);
     });
     return stream;

@@ -42,7 +42,7 @@ export class HttpSource implements ByteSource {
     let response: Response | undefined;
     try {
       deadline.start();
-      response = await this.#request(offset, length, deadline.signal);
+      response = await deadline.race(this.#request(offset, length, deadline.signal));
       const start = this.#accept(response, offset);
       deadline.pause();
       return { offset: start, chunks: this.#chunks(response, deadline) };

@@ -7,7 +7,7 @@ import type { Body, ByteSource } from "./source.js";
 
 /** How a front is read, bytes. */
 export interface FrontSizes {
-  /** What is asked for first, at least a header: 64 KiB, front and first models of most files, unless given. */
+  /** What is asked for first, at least a header: 32 KiB, front, first models and small picture of most files, unless given. */
   firstBytes: number;
   /**
    * Pages are read before anything else as long as they end here, 256 KiB unless given; of a larger directory those that
@@ -16,7 +16,7 @@ export interface FrontSizes {
   frontBytes: number;
 }
 
-export const FRONT_SIZES: FrontSizes = { firstBytes: 64 * 1024, frontBytes: 256 * 1024 };
+export const FRONT_SIZES: FrontSizes = { firstBytes: 32 * 1024, frontBytes: 256 * 1024 };
 
 export interface OpenedFront {
   front: Directory;

@@ -5,9 +5,7 @@ import * as THREE from "three";
 import { ScarScene } from "../adapters/three.js";
 import type { PackedTile } from "../decoder/types.js";
 import type { Feed } from "../stream/feed.js";
-
-/** Beyond twice as many pixels as the page has, nobody sees a difference, and each costs. */
-const MOST_PIXEL_RATIO = 2;
+import { contextOf, pixelRatio } from "./sketch.js";
 
 export class Stage {
   readonly #renderer: THREE.WebGLRenderer;
@@ -20,8 +18,8 @@ export class Stage {
     readonly canvas: HTMLCanvasElement,
     private readonly onWritten: (words: PackedTile) => void,
   ) {
-    this.#renderer = new THREE.WebGLRenderer({ canvas, antialias: false, alpha: true });
-    this.#renderer.setPixelRatio(Math.min(devicePixelRatio, MOST_PIXEL_RATIO));
+    this.#renderer = new THREE.WebGLRenderer({ canvas, context: contextOf(canvas) ?? undefined });
+    this.#renderer.setPixelRatio(pixelRatio());
     canvas.addEventListener("webglcontextlost", () => (this.#lost = true));
     canvas.addEventListener("webglcontextrestored", () => (this.#lost = false));
   }
@@ -72,6 +70,11 @@ export class Stage {
     });
     this.#renderer.setPixelRatio(ratio);
     return picture;
+  }
+
+  /** To be called where something else has drawn on the canvas. */
+  reset(): void {
+    this.#renderer.resetState();
   }
 
   dispose(): void {

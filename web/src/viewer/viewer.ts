@@ -8,6 +8,7 @@ import type { Stats } from "../stream/scar_stream.js";
 import type { SourceLike } from "../stream/source.js";
 import { cameraOf, sideViews, type View } from "../plan/framing.js";
 import type { Pilot } from "./pilot.js";
+import { Sketch } from "./sketch.js";
 import type { Stage } from "./stage.js";
 
 export type { FeedOptions, View };
@@ -57,6 +58,9 @@ export interface ViewerEvents {
   error: StreamError;
 }
 
+/** What is left of a sketch once the stage can draw, milliseconds. */
+const SKETCH_MS = 4000;
+
 type Drawing = typeof import("./drawing.js");
 
 const LABEL = "3D scene. Drag or arrow keys: turn; right button or two fingers: move; wheel: nearer; W A S D Q E: fly.";
@@ -83,8 +87,14 @@ export class Viewer {
   #shDegree = ALL_DEGREES;
   #background: string;
   #turns: boolean;
-  /** Whether something of a scene was drawn. */
-  #drawn = false;
+  /** Draws layer 1 until the stage does. */
+  #sketch: Sketch | null = null;
+  /** When the sketch goes, whether or not the stage has all that it shows. */
+  #sketchEnds = Infinity;
+  /** Whether the poster is gone. */
+  #uncovered = false;
+  /** Whether what draws is there, or under way. */
+  #asked = false;
   /** Address of the small picture of the file, while it is shown. */
   #thumbnail: string | null = null;
   #frame = 0;
@@ -101,12 +111,8 @@ export class Viewer {
     if (poster !== undefined) this.#hang(poster);
     container.append(this.canvas);
     this.#resized.observe(this.canvas);
-    if (url !== undefined) this.open(url);
-    // The first request is on its way before the largest script.
-    import("./drawing.js").then(
-      (drawing) => this.#disposed || this.#begin(drawing),
-      (cause: unknown) => this.#fail(cause),
-    );
+    if (url === undefined) this.#fetchDrawing();
+    else this.open(url);
   }
 
   /** @returns what takes the handler away again */
@@ -117,6 +123,7 @@ export class Viewer {
   /** Shows another scene in place of this one. */
   open(url: SourceLike): void {
     this.#feed?.close();
+    this.#dropSketch();
     this.#home = null;
     const feed = new Feed(url, this.options.stream);
     this.#feed = feed;
@@ -128,11 +135,12 @@ export class Viewer {
       if (!this.#chosen && this.#pilot?.moved !== true) this.#goHome(view);
     });
     feed.on("thumbnail", (picture) => {
-      if (this.options.poster !== undefined || this.#drawn) return;
+      if (this.options.poster !== undefined || this.#uncovered) return;
       this.#dropThumbnail();
       this.#thumbnail = URL.createObjectURL(new Blob([picture as BlobPart]));
       this.#hang(this.#thumbnail);
     });
+    feed.on("early", (words) => this.#makeSketch(feed)?.put(words));
     feed.on("change", () => this.#needFrame());
     feed.on("retry", (error) => this.#emitter.emit("retry", error));
     feed.on("error", (error) => {
@@ -212,7 +220,7 @@ export class Viewer {
 
   set background(colour: string) {
     this.#background = colour;
-    if (this.#stage !== null) this.#stage.background = colour;
+    if (this.#uncovered) this.#paint();
     this.#needFrame();
   }
 
@@ -255,10 +263,43 @@ export class Viewer {
     this.#resized.disconnect();
     this.#emitter.clear();
     this.#feed?.close();
+    this.#dropSketch();
     this.#pilot?.dispose();
     this.#stage?.dispose();
     this.#dropThumbnail();
     this.canvas.remove();
+  }
+
+  /** Three.js and Spark, which are larger than layer 1: they come after it. */
+  #fetchDrawing(): void {
+    if (this.#asked) return;
+    this.#asked = true;
+    import("./drawing.js").then(
+      (drawing) => this.#disposed || this.#begin(drawing),
+      (cause: unknown) => this.#fail(cause),
+    );
+  }
+
+  /** Null where a sketch cannot be drawn, so that what draws better has to say why. */
+  #makeSketch({ front }: Feed): Sketch | null {
+    if (this.#sketch === null && !this.#asked && front !== null) this.#sketch = Sketch.of(this.canvas, front);
+    if (this.#sketch === null) this.#fetchDrawing();
+    return this.#sketch;
+  }
+
+  #dropSketch(): void {
+    this.#sketch?.dispose();
+    this.#sketch = null;
+    this.#stage?.reset();
+  }
+
+  /** Draws the sketch over what the stage has drawn, as long as that lacks something. */
+  #drawSketch(lacks: boolean, now: number): void {
+    const [sketch, view] = [this.#sketch, this.view];
+    if (sketch === null || view === null) return;
+    if (!lacks || now > this.#sketchEnds) return this.#dropSketch();
+    for (const drawn of sketch.draw(view)) this.#emitter.emit("drawn", drawn);
+    this.#stage?.reset();
   }
 
   #begin({ Pilot, Stage }: Drawing): void {
@@ -269,7 +310,10 @@ export class Viewer {
       return this.#fail(cause);
     }
     this.#pilot.autoRotate = this.#turns;
+    this.#sketchEnds = performance.now() + SKETCH_MS;
+    if (this.#uncovered) this.#paint();
     if (this.#feed !== null) this.#stage.show(this.#feed);
+    this.#stage.shDegree = this.#shDegree;
     if (this.#home !== null) this.#goHome(this.#home);
   }
 
@@ -281,16 +325,23 @@ export class Viewer {
     this.#needFrame();
   }
 
-  /** From the first tile on what is behind the canvas is the page's, and no poster. */
   #onWritten(tile: number, layer: number): void {
-    if (this.#stage !== null && !this.#drawn) {
-      this.#drawn = true;
-      this.canvas.style.background = "none";
-      this.#dropThumbnail();
-      this.#stage.background = this.#background;
-      this.#stage.shDegree = this.#shDegree;
-    }
     this.#emitter.emit("drawn", { tile, layer });
+  }
+
+  /** What is behind the canvas is the page's, and no poster, once layer 1 covers it or someone looks from elsewhere. */
+  #uncover(): void {
+    const covered = this.#feed?.begun === true || this.#chosen || this.#pilot?.moved === true;
+    if (this.#uncovered || !covered) return;
+    this.#uncovered = true;
+    this.#paint();
+    this.#dropThumbnail();
+  }
+
+  /** Puts the background behind the scene. */
+  #paint(): void {
+    this.canvas.style.background = this.#background;
+    if (this.#stage !== null) this.#stage.background = this.#background;
   }
 
   /** Shows a picture behind what is drawn. */
@@ -319,14 +370,18 @@ export class Viewer {
     this.#frame = 0;
     const [stage, pilot] = [this.#stage, this.#pilot];
     const { clientWidth, clientHeight } = this.canvas;
-    let busy = false;
+    let [busy, lacks] = [false, true];
+    if (this.#feed?.begun === true) this.#fetchDrawing();
     if (stage !== null && pilot !== null && clientHeight > 0) {
       const moves = pilot.advance(now);
       pilot.fit(clientWidth, clientHeight);
-      busy = stage.draw(pilot.camera) || moves;
+      lacks = stage.draw(pilot.camera);
+      busy = lacks || moves;
       if (moves && this.#home !== null) this.#emitter.emit("view", pilot.view());
       this.#rate(now);
     }
+    if (clientHeight > 0) this.#drawSketch(lacks, now);
+    this.#uncover();
     this.#tellState(busy || stage === null);
     this.#emitter.emit("frame", null);
     if (busy) this.#needFrame();
