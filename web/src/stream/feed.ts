@@ -139,7 +139,7 @@ export class Feed {
     this.begun = false;
     this.error = null;
     // Nobody sees later layers before there is something that draws: what draws is to be fetched first.
-    const most = () => (this.#sink === null ? 1 : this.#layers);
+    const most = () => (this.#sink === null && this.#stream.ranged !== false ? 1 : this.#layers);
     const planner = {
       plan: (...asked: Parameters<typeof byView.plan>) => byView.plan(...asked).filter(({ layer }) => layer <= most()),
     };

@@ -156,6 +156,11 @@ export class ScarStream {
     return this.#front;
   }
 
+  /** Whether the server answers with ranges, so that what is not asked for is not sent; null before its first answer. */
+  get ranged(): boolean | null {
+    return this.#source.ranged;
+  }
+
   /** @returns what takes the handler away again */
   on<Name extends keyof StreamEvents>(name: Name, handler: (event: StreamEvents[Name]) => void): () => void {
     return this.#emitter.on(name, handler);

@@ -125,6 +125,7 @@ export class Sketch {
     this.#vertices = gl.createVertexArray();
     this.#height = Math.min(Math.ceil(total / ROW) + tiles, MOST_ROWS);
     gl.bindTexture(gl.TEXTURE_2D, this.#texture);
+    for (const filter of [gl.TEXTURE_MIN_FILTER, gl.TEXTURE_MAG_FILTER]) gl.texParameteri(gl.TEXTURE_2D, filter, gl.NEAREST);
     gl.texStorage2D(gl.TEXTURE_2D, 1, gl.RGBA32UI, WIDTH, this.#height);
     gl.bindVertexArray(this.#vertices);
     gl.bindBuffer(gl.ARRAY_BUFFER, this.#order);
