@@ -7,7 +7,7 @@ import { build } from "esbuild";
 const ROOT = import.meta.dirname;
 /** What tests and people run, beside the tests. */
 const PROGRAMS = [
-  ...["conformance.ts", "node_worker.ts", "shot.ts", "shot_playcanvas.ts", "times.ts"],
+  ...["conformance.ts", "shot.ts", "shot_playcanvas.ts", "times.ts"],
   ...["bundlers.browser.ts", "page.browser.ts", "page_trouble.browser.ts", "playcanvas.browser.ts", "three.browser.ts"],
 ];
 const COMMON = {

@@ -13,4 +13,4 @@ export { StreamError } from "./stream/errors.js";
 export type { TransportId } from "./stream/errors.js";
 export { ScarStream } from "./stream/scar_stream.js";
 export type { EvictEvent, Progress, Stats, StreamEvents, StreamOptions, TileEvent } from "./stream/scar_stream.js";
-export type { RangeReader, SourceLike } from "./stream/source.js";
+export type { SourceLike } from "./stream/source.js";

@@ -6,7 +6,6 @@ import type { Planner, Step } from "../src/plan/types.js";
 import { evictionOrder, goals } from "../src/stream/budget.js";
 import { toys } from "./files.js";
 import { serving } from "./server.js";
-import { threadChannel } from "./threads.js";
 import { assertComplete, assertShown, cameraAt, streaming, watching } from "./watching.js";
 
 const bytes = toys();
@@ -59,7 +58,7 @@ describe("a stream with budgets", () => {
   });
 
   for (const [name, ranges, most, decoders] of [
-    ["decoding in two threads", true, 6_500_000, { workers: 2, channel: threadChannel }],
+    ["with two decoders", true, 6_500_000, { workers: 2 }],
     ["without ranges", false, 4_500_000, {}],
     ["on one thread", true, 4_500_000, {}],
   ] as const) {

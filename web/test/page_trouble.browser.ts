@@ -9,43 +9,6 @@ import { bytes, untilComplete, viewingIn } from "./viewing.js";
 const viewing = viewingIn(sharedBrowser());
 
 describe("the viewer page in trouble", () => {
-  it("mends a connection that is cut", async () => {
-    await viewing(
-      async (page, server) => {
-        await untilComplete(page, 5);
-        assert.ok(server.asked.length > 1);
-      },
-      {
-        prepare: (server) => {
-          server.trick = ({ range }, response, number) => {
-            if (number !== 2 || range === null) return false;
-            response.writeHead(206, server.rangeHeaders(range));
-            response.write(server.bytes.subarray(range[0], range[0] + 1000), () => response.destroy());
-            return true;
-          };
-        },
-      },
-    );
-  });
-
-  it("says that the file was changed, and keeps what is shown", async () => {
-    await viewing(
-      async (page) => {
-        assert.match(await message(page), /changed/);
-        await until(page, "still");
-        assert.ok((await lit(page)) > 0.1);
-      },
-      {
-        prepare: (server) => {
-          server.trick = (_, __, number) => {
-            if (number > 1) server.etag = '"two"';
-            return false;
-          };
-        },
-      },
-    );
-  });
-
   it("says what is damaged, and shows the rest", async () => {
     await viewing(
       async (page) => {

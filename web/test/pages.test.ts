@@ -86,18 +86,6 @@ describe("a directory in pages", () => {
       assert.ok(server.asked.every(({ range }) => range![1] < directory.layers[0].end_offset));
     });
   });
-
-  it("is put right where boxes and sizes were those of pages", async () => {
-    await streaming(bytes, byNeed, async (watched) => {
-      const front = await watched.stream.ready;
-      const before = front.index.bytes.slice();
-      await watched.end();
-      for (const { tile, layer, length } of new WholeFile(bytes).blocks) {
-        if (tile !== null) assert.equal(front.index.bytes[tile * 5 + layer - 1], length);
-      }
-      assert.notDeepEqual(before, front.index.bytes);
-    });
-  });
 });
 
 describe("a page", () => {

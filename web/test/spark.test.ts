@@ -82,17 +82,6 @@ describe("tiles on their way to the GPU", () => {
     assert.ok(geometry.subarray(8 * (before + count)).every((word) => word === 0), "nothing behind it");
   });
 
-  it("share a frame where they are small", () => {
-    const { splats, recorder } = made(20_480);
-    for (let tile = 0; tile < 20; tile++) splats.put(tileOf(1000, tile));
-    let frames = 0;
-    for (; splats.upload(); frames++) {
-      assert.ok(recorder.written <= UPLOAD_BYTES);
-      recorder.written = 0;
-    }
-    assert.equal(frames, 2);
-  });
-
   it("are not written any more once they are cleared, and what was written draws nothing", () => {
     const { splats, geometry } = made(inRuns(30_000));
     splats.put(tileOf(30_000));
@@ -100,22 +89,6 @@ describe("tiles on their way to the GPU", () => {
     splats.clear(0);
     assert.equal(splats.waiting, false);
     assert.ok(geometry.every((word) => word === 0));
-  });
-
-  it("take the places of others that were cleared, and are written in all their parts", () => {
-    const { splats, geometry } = made(4 * 256);
-    [0, 1, 2, 3].forEach((tile) => splats.put(tileOf(200, tile)));
-    while (splats.upload());
-    assert.throws(() => splats.put(tileOf(1, 4)), RangeError);
-    splats.clear(1);
-    splats.clear(3);
-    splats.put(tileOf(300, 5));
-    while (splats.upload());
-    const { geometry: wanted } = tileOf(300);
-    const rows = (first: number, count: number) => geometry.slice(8 * first, 8 * (first + count));
-    const found = [rows(256, 256), rows(768, 256)].find((part) => part[0] === wanted[0])!;
-    const other = found[8 * 255] === rows(256, 256)[8 * 255] ? rows(768, 44) : rows(256, 44);
-    assert.deepEqual([...found, ...other], [...wanted]);
   });
 });
 

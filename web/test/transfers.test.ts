@@ -153,25 +153,6 @@ describe("transfers", () => {
     transfers.close();
   });
 
-  for (const ranged of [true, false]) {
-    it(`end with everything that is under way when they are closed${ranged ? "" : ", held or not"}`, async () => {
-      const source = new SteppedSource(ranged);
-      const { transfers, failures } = transfersOf(source);
-      transfers.want(all);
-      await source.step();
-      await source.step();
-      if (!ranged) transfers.hold(true);
-      await source.step();
-      assert.ok(source.opened > 0);
-      transfers.close();
-      await source.step();
-      await source.step();
-      assert.equal(source.opened, 0);
-      assert.ok(source.signals.every(({ aborted }) => aborted));
-      assert.deepEqual(failures, []);
-    });
-  }
-
   it("fetch again what is let go, and only that", async () => {
     const source = new SteppedSource(true);
     const { transfers, taken } = transfersOf(source);

@@ -5,15 +5,11 @@ import { StreamError } from "./errors.js";
 import type { Body, ByteSource } from "./source.js";
 
 export interface HttpOptions {
-  /** Used in place of the global `fetch`. */
+  /** Used in place of the global `fetch`: what has a file elsewhere than on a server answers with status 206. */
   fetch?: typeof fetch;
   /** Sent with every request. Headers beyond the safelisted ones make browsers ask a foreign server first. */
   headers?: Record<string, string>;
   credentials?: RequestCredentials;
-  /**
-   * "no-store" unless given: Chromium's cache lets requests for one URL wait for each other, ranges included.
-   */
-  cache?: RequestCache;
   /** Milliseconds without a byte after which a request is given up. */
   stallMs: number;
 }
@@ -54,12 +50,13 @@ export class HttpSource implements ByteSource {
   }
 
   #request(offset: number, length: number, signal: AbortSignal): Promise<Response> {
-    const { fetch: ask = fetch, headers, credentials, cache = "no-store" } = this.options;
+    const { fetch: ask = fetch, headers, credentials } = this.options;
     const all: Record<string, string> = { ...headers };
     if (this.ranged !== false) all["Range"] = `bytes=${offset}-${offset + length - 1}`;
     const validator = this.#validator();
     if (validator !== null && this.ranged === true && isSameOrigin(this.url)) all["If-Range"] = validator;
-    return ask(this.url, { headers: all, signal, cache, ...(credentials === undefined ? {} : { credentials }) });
+    // Chromium's cache lets requests for one URL wait for each other, ranges included.
+    return ask(this.url, { headers: all, signal, cache: "no-store", ...(credentials === undefined ? {} : { credentials }) });
   }
 
   /** Only a strong ETag may stand in If-Range; a date may. */

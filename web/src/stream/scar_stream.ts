@@ -15,7 +15,7 @@ import { FRONT_SIZES, type FrontSizes, openFront, type OpenedFront } from "./ope
 import { Pool } from "./pool.js";
 import { Refiner, type RefinerEvents } from "./refiner.js";
 import { RETRY, retrying } from "./retrying.js";
-import { BlobSource, type ByteSource, FunctionSource, type RangeReader, type SourceLike } from "./source.js";
+import { BlobSource, type ByteSource, type SourceLike } from "./source.js";
 
 export interface StreamOptions extends Partial<HttpOptions>, Partial<FrontSizes> {
   /** Decides what to fetch first. `byView` unless given: by what the camera sees, in file order before the first view. */
@@ -358,8 +358,7 @@ export class ScarStream {
 function makeSource(source: SourceLike, options: HttpOptions): ByteSource {
   if (typeof source === "string" || source instanceof URL) return new HttpSource(String(source), options);
   if (typeof Blob !== "undefined" && source instanceof Blob) return new BlobSource(source);
-  if (typeof (source as RangeReader).read === "function") return new FunctionSource(source as RangeReader, options.stallMs);
-  throw new StreamError("bad-source", "a source is a URL, a File or Blob, or an object with size and read");
+  throw new StreamError("bad-source", "a source is a URL, a File or a Blob");
 }
 
 function defaultWorkers(): number {

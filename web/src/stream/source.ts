@@ -1,7 +1,6 @@
-/** Where the bytes of a file come from; files of the user, and functions that give ranges. */
+/** Where the bytes of a file come from; files of the user. */
 
-import { Deadline } from "./deadline.js";
-import { asStreamError, StreamError } from "./errors.js";
+import { StreamError } from "./errors.js";
 
 /** What a question for a range is answered with. */
 export interface Body {
@@ -22,18 +21,8 @@ export interface ByteSource {
   open(offset: number, length: number, signal: AbortSignal): Promise<Body>;
 }
 
-/** A URL, a file of the user, or anything that gives ranges. */
-export type SourceLike = string | URL | Blob | RangeReader;
-
-/** A source of one's own: a member of an archive, a store with its own keys. */
-export interface RangeReader {
-  /** Bytes of the file. */
-  readonly size: number;
-  /** For messages. */
-  readonly name?: string;
-  /** Gives exactly these bytes. An error it rejects with is retried, as those of a server are. */
-  read(offset: number, length: number, signal: AbortSignal): Promise<Uint8Array | ArrayBuffer>;
-}
+/** A URL, or a file of the user. */
+export type SourceLike = string | URL | Blob;
 
 const CHUNK = 1 << 20;
 
@@ -67,47 +56,5 @@ export class BlobSource implements ByteSource {
       signal.throwIfAborted();
       yield new Uint8Array(bytes);
     }
-  }
-}
-
-export class FunctionSource implements ByteSource {
-  readonly ranged = true;
-  readonly name: string;
-
-  constructor(
-    readonly reader: RangeReader,
-    readonly stallMs: number,
-  ) {
-    this.name = reader.name ?? "a byte source";
-    if (!Number.isSafeInteger(reader.size) || reader.size < 0) {
-      throw new StreamError("bad-source", `size is ${reader.size}, not a number of bytes`, { source: this.name });
-    }
-  }
-
-  get size(): number {
-    return this.reader.size;
-  }
-
-  async open(offset: number, length: number, signal: AbortSignal): Promise<Body> {
-    return { offset, chunks: this.#chunks(offset, length, signal) };
-  }
-
-  async *#chunks(offset: number, length: number, signal: AbortSignal): AsyncGenerator<Uint8Array, void, void> {
-    const source = this.name;
-    const deadline = new Deadline(signal, this.stallMs, source);
-    let bytes: Uint8Array;
-    try {
-      deadline.start();
-      bytes = new Uint8Array(await deadline.race(this.reader.read(offset, length, deadline.signal)));
-    } catch (error) {
-      const reason = deadline.reason(error);
-      throw signal.aborted ? reason : asStreamError(reason, { source, offset });
-    } finally {
-      deadline.end();
-    }
-    if (bytes.length !== length) {
-      throw new StreamError("cut", `read gave ${bytes.length} bytes of ${length}`, { source, offset });
-    }
-    yield bytes;
   }
 }

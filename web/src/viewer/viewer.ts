@@ -16,7 +16,7 @@ export type { FeedOptions, View };
 export interface ViewerOptions {
   /** Filled by the picture; it needs a size of its own. */
   container: HTMLElement;
-  /** What to show: an address, a file of the user, or anything that gives ranges. `open` does the same later. */
+  /** What to show: an address, or a file of the user. `open` does the same later. */
   url?: SourceLike;
   /** Where to look from; what the file says unless given. */
   view?: View;
