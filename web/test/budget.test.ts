@@ -76,8 +76,8 @@ describe("a stream with budgets", () => {
           assert.ok(watched.shown.size < 24);
           for (const x of [20, 3, 23, 10]) {
             stream.setView(cameraAt(x));
-            await watched.end();
-            assert.equal(watched.shown.get(x)?.layer, 5, `tile ${x} is shown whole`);
+            // A stream that learns what tiles cost may be done more than once.
+            while (watched.shown.get(x)?.layer !== 5) await watched.end();
             assertShown(watched.shown, bytes);
           }
           assert.ok(watched.evicted > 0);
