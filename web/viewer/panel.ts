@@ -67,10 +67,10 @@ export class Panel {
       const at = layerAt[i];
       time.textContent = at == null ? "" : `${(at / 1000).toFixed(2)} s`;
     });
-    const rate = framesPerSecond > 0 ? `, ${Math.round(framesPerSecond)} frames/s` : "";
-    const more = state === "reading" ? " …" : "";
-    const read = `${bytes(bytesRead)} read, ${(decodeMs / 1000).toFixed(1)} s decoding${more}`;
-    this.#sum.textContent = `${NUMBER.format(splatsShown)} Gaussians${rate}, ${read}`;
+    const rate = framesPerSecond > 0 ? [`${Math.round(framesPerSecond)} frames/s`] : [];
+    const read = `${bytes(bytesRead)} read${state === "reading" ? " …" : ""}`;
+    const decoding = `${(decodeMs / 1000).toFixed(1)} s decoding`;
+    this.#sum.textContent = [`${NUMBER.format(splatsShown)} Gaussians`, ...rate, read, decoding].join(" · ");
   }
 }
 
