@@ -70,7 +70,9 @@ export class Panel {
     const rate = framesPerSecond > 0 ? [`${Math.round(framesPerSecond)} frames/s`] : [];
     const read = `${bytes(bytesRead)} read${state === "reading" ? " …" : ""}`;
     const decoding = `${(decodeMs / 1000).toFixed(1)} s decoding`;
-    this.#sum.textContent = [`${NUMBER.format(splatsShown)} Gaussians`, ...rate, read, decoding].join(" · ");
+    const parts = [`${NUMBER.format(splatsShown)} Gaussians`, ...rate, read, decoding];
+    // Lines break between two numbers only.
+    this.#sum.textContent = parts.map((part) => part.replaceAll(" ", "\u00a0")).join(" · ");
   }
 }
 

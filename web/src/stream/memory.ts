@@ -1,4 +1,4 @@
-/** What a tile costs in memory, learnt from what decoders report. */
+/** What a tile costs in memory. */
 
 import type { Output } from "../decoder/protocol.js";
 import { inRuns, placeBytes } from "../pack/places.js";
@@ -6,18 +6,8 @@ import type { Cost } from "./budget.js";
 import type { Tiles } from "./tiles.js";
 
 const FLOAT = 4;
-/** Bytes of an anchor in a decoder, before they were measured. */
-const FIRST_GUESS = 256;
-const LEAST = 16;
-/** Reports that are learnt from. */
-const KEPT = 16;
-/** Anchors by which reports must differ for what one takes to be seen from them. */
-const LEAST_SPREAD = 100;
-
-interface Report {
-  anchors: number;
-  bytes: number;
-}
+/** Bytes of an anchor in a decoder: 270 to 360 in scenes of degree 3. */
+const ANCHOR_BYTES = 320;
 
 /** Bytes of one delivered Gaussian. */
 function splatBytes(output: Output, degree: number): number {
@@ -27,8 +17,6 @@ function splatBytes(output: Output, degree: number): number {
 
 export class MemoryModel implements Cost {
   readonly #splatBytes: number;
-  #anchorBytes = FIRST_GUESS;
-  readonly #reports: Report[] = [];
   #models = 0;
   #scratch = 0;
 
@@ -44,28 +32,13 @@ export class MemoryModel implements Cost {
     return this.#models + this.#scratch;
   }
 
-  /** Bytes of an anchor in a decoder. */
-  get anchorBytes(): number {
-    return this.#anchorBytes;
-  }
-
   addModels(bytes: number): void {
     this.#models += Math.max(bytes, 0);
   }
 
-  /** Learns from what all decoders hold with these many anchors in them: a straight line through the last reports. */
+  /** Learns from what all decoders hold with these many anchors in them: the rest is room to work in. */
   observe(memory: number, anchors: number): void {
-    const reports = this.#reports;
-    reports.push({ anchors, bytes: memory - this.#models });
-    if (reports.length > KEPT) reports.shift();
-    const mean = (of: (report: Report) => number) => reports.reduce((sum, one) => sum + of(one), 0) / reports.length;
-    const a = mean((one) => one.anchors);
-    const b = mean((one) => one.bytes);
-    const spread = mean((one) => (one.anchors - a) ** 2);
-    if (spread > LEAST_SPREAD ** 2) {
-      this.#anchorBytes = Math.max(mean((one) => (one.anchors - a) * (one.bytes - b)) / spread, LEAST);
-    }
-    this.#scratch = Math.max(0, ...reports.map((one) => one.bytes - one.anchors * this.#anchorBytes));
+    this.#scratch = Math.max(this.#scratch, memory - this.#models - anchors * ANCHOR_BYTES);
   }
 
   /** What is delivered as words takes places in runs. */
@@ -77,7 +50,7 @@ export class MemoryModel implements Cost {
   bytes(tile: number, layer: number): number {
     const { layers, slots } = this.tiles.index;
     const anchors = this.tiles.splats(tile, layer) / slots;
-    const kept = layer < layers || this.tiles.keepsComplete ? anchors * this.#anchorBytes : 0;
+    const kept = layer < layers || this.tiles.keepsComplete ? anchors * ANCHOR_BYTES : 0;
     return this.splats(tile, layer) * this.#splatBytes + kept;
   }
 }

@@ -57,8 +57,6 @@ const MOST_UNDER_WAY = 2 << 20;
 /** Plans that take longer, milliseconds, are made less often while pages come: after so many times as long. */
 const SHORT_MS = 5;
 const PAUSE = 4;
-/** By how much of itself the cost of an anchor may change before goals are set anew. */
-const OUTDATED = 0.1;
 
 export class Refiner {
   readonly tiles: Tiles;
@@ -77,8 +75,6 @@ export class Refiner {
   #budgets: Budgets;
   #ideal: Step[] = [];
   #victims: number[] = [];
-  /** What goals were set with. */
-  #anchorBytes = 0;
   #loadingModels = false;
   #done = false;
   /** Whether a plan is about to be made. */
@@ -211,7 +207,6 @@ export class Refiner {
     this.#ready.setPlan(this.#ideal);
     const { splats, bytes } = this.#budgets;
     const underWay = Math.min(bytes * UNDER_WAY_SHARE, MOST_UNDER_WAY);
-    this.#anchorBytes = this.memory.anchorBytes;
     const room = { splats, bytes: bytes - this.memory.fixed - underWay };
     this.tiles.setGoals(goals(this.#ideal, index.tiles, this.memory, room));
     const held = this.tiles.shown.map((layer, tile) => Math.max(layer, this.tiles.decoded[tile]));
@@ -482,13 +477,6 @@ export class Refiner {
     this.#report(failure, {}, true);
   }
 
-  /** Whether budgets stop some tile, but tiles cost another amount than was thought. */
-  #goalsAreOutdated(): boolean {
-    const { goal, limit } = this.tiles;
-    const change = Math.abs(this.memory.anchorBytes / this.#anchorBytes - 1);
-    return change > OUTDATED && goal.some((layer, tile) => layer < limit[tile]);
-  }
-
   /** Holds transfers back while decoders are behind. Bodies that wait for other blocks do not count. */
   #pace(): void {
     const most = Math.min(MOST_WAITING, this.#budgets.bytes * UNDER_WAY_SHARE);
@@ -500,7 +488,6 @@ export class Refiner {
     const working = this.#busy.size > 0 || this.#loadingModels || this.#planning;
     if (this.#done || working || !this.transfers.idle) return;
     if (this.#ready.size > 0 && !this.#blocked) return;
-    if (this.#goalsAreOutdated()) return this.#replanSoon();
     this.#done = true;
     this.parts.events.onDone();
   }

@@ -138,7 +138,8 @@ export class Viewer {
       if (this.options.poster !== undefined || this.#uncovered) return;
       this.#dropThumbnail();
       this.#thumbnail = URL.createObjectURL(new Blob([picture as BlobPart]));
-      this.#hang(this.#thumbnail);
+      // As large as the view that it is a picture of will be: that has its field across the shorter side.
+      this.#hang(this.#thumbnail, `auto ${Math.min(this.canvas.clientWidth, this.canvas.clientHeight)}px`);
     });
     feed.on("early", (words) => this.#makeSketch(feed)?.put(words));
     feed.on("change", () => this.#needFrame());
@@ -344,9 +345,9 @@ export class Viewer {
     if (this.#stage !== null) this.#stage.background = this.#background;
   }
 
-  /** Shows a picture behind what is drawn. */
-  #hang(address: string): void {
-    this.canvas.style.background = `center / contain no-repeat url(${JSON.stringify(address)}) ${this.#background}`;
+  /** Shows a picture behind what is drawn. @param size of CSS */
+  #hang(address: string, size = "contain"): void {
+    this.canvas.style.background = `center / ${size} no-repeat url(${JSON.stringify(address)}) ${this.#background}`;
   }
 
   #dropThumbnail(): void {
