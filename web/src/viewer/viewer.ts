@@ -149,6 +149,7 @@ export class Viewer {
       this.#needFrame();
     });
     this.#stage?.show(feed);
+    this.#tellState(true);
     this.#needFrame();
   }
 
