@@ -81,17 +81,6 @@ describe("the decoder", () => {
     });
   }
 
-  it("does not need a tile to follow as soon as models arrive", () => {
-    const [early, late] = [feeder(toys()), feeder(toys())];
-    for (let k = 1; k <= 4; k++) late.addModels(k);
-    for (let k = 1; k <= 4; k++) {
-      early.addModels(k);
-      early.advance(4, k);
-      late.advance(4, k);
-      assert.deepEqual(late.decoder.values(4), early.decoder.values(4));
-    }
-  });
-
   it("refuses a damaged tile by its id, forgets it, and goes on with the others", () => {
     const one = feeder(toys());
     const { decoder } = one;

@@ -47,19 +47,4 @@ describe("a pool", () => {
       pool.close();
     });
   }
-
-  it("keeps a tile with the decoder that has its integers", async () => {
-    const workers = new Workers();
-    const pool = new Pool(2, workers.make, () => assert.fail("no worker failed"), 1);
-    assert.equal(fill(pool, 0), 2);
-    const [home] = workers.asked.map((requests) => requests.some((one) => one.kind === "tile" && one.tile === 1)).keys();
-    await workers.answer(home);
-    await workers.answer(1 - home);
-    const before = workers.asked.map((requests) => requests.length);
-    void pool.run({ tile: 0, cube, layers: [], output: "words", last: false });
-    assert.equal(pool.isFree(0), false);
-    assert.equal(pool.isFree(1), true);
-    assert.deepEqual(before, [0, 0]);
-    pool.close();
-  });
 });

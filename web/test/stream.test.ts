@@ -173,15 +173,6 @@ describe("a stream", () => {
     }
   });
 
-  it("takes a small file from the first answer alone", async () => {
-    const small = vector("valid/index-modes");
-    await streaming(small, {}, async (watched, server) => {
-      await watched.end();
-      assertComplete(watched, small);
-      assert.equal(server.asked.length, 1);
-    });
-  });
-
   it("delivers a viewer's words where it is asked to", async () => {
     await streaming(bytes, { output: "words" }, async (watched) => {
       await watched.end();

@@ -7,6 +7,7 @@ import { Feed, type FeedOptions } from "../stream/feed.js";
 import type { Stats } from "../stream/scar_stream.js";
 import type { SourceLike } from "../stream/source.js";
 import { cameraOf, sideViews, type View } from "../plan/framing.js";
+import { FrameRate } from "./frame_rate.js";
 import type { Pilot } from "./pilot.js";
 import { Sketch } from "./sketch.js";
 import type { Stage } from "./stage.js";
@@ -65,10 +66,6 @@ type Drawing = typeof import("./drawing.js");
 
 const LABEL = "3D scene. Drag or arrow keys: turn; right button or two fingers: move; wheel: nearer; W A S D Q E: fly.";
 const ALL_DEGREES = 3;
-/** Frames of which the rate is told. */
-const RATED_MS = 1000;
-/** Between frames of a picture that moves; after a longer pause it stood still. */
-const PAUSE_MS = 250;
 
 export class Viewer {
   readonly canvas = document.createElement("canvas");
@@ -98,7 +95,7 @@ export class Viewer {
   /** Address of the small picture of the file, while it is shown. */
   #thumbnail: string | null = null;
   #frame = 0;
-  #frames: number[] = [];
+  readonly #frames = new FrameRate();
   #disposed = false;
 
   constructor(private readonly options: ViewerOptions) {
@@ -174,7 +171,7 @@ export class Viewer {
     this.#needFrame();
   }
 
-  /** Where it began, and where `reset` goes to; set, it goes there. */
+  /** Where it began, "start" of `views`; set, it goes there. */
   get home(): View | null {
     return this.#home;
   }
@@ -188,11 +185,6 @@ export class Viewer {
   get views(): Record<string, View> {
     const start: Record<string, View> = this.#home === null ? {} : { start: this.#home };
     return this.front === null ? start : { ...start, ...sideViews(this.front) };
-  }
-
-  /** Goes back to the view that the scene began with. */
-  reset(): void {
-    if (this.#home !== null) this.view = this.#home;
   }
 
   /** Layers that are asked for, from the first; Infinity for all. */
@@ -237,8 +229,7 @@ export class Viewer {
   }
 
   stats(): ViewerStats | null {
-    const [first, last] = [this.#frames[0], this.#frames.at(-1)];
-    const framesPerSecond = first === last ? 0 : (1000 * (this.#frames.length - 1)) / (last! - first);
+    const { perSecond: framesPerSecond } = this.#frames;
     const splatsDrawn = this.#stage?.splatsDrawn ?? 0;
     return this.#feed === null ? null : { ...this.#feed.stats(), splatsDrawn, framesPerSecond };
   }
@@ -380,19 +371,13 @@ export class Viewer {
       lacks = stage.draw(pilot.camera);
       busy = lacks || moves;
       if (moves && this.#home !== null) this.#emitter.emit("view", pilot.view());
-      this.#rate(now);
+      this.#frames.add(now);
     }
     if (clientHeight > 0) this.#drawSketch(lacks, now);
     this.#uncover();
     this.#tellState(busy || stage === null);
     this.#emitter.emit("frame", null);
     if (busy) this.#needFrame();
-  }
-
-  #rate(now: number): void {
-    if (now - (this.#frames.at(-1) ?? now) > PAUSE_MS) this.#frames = [];
-    this.#frames.push(now);
-    while (this.#frames[0] < now - RATED_MS) this.#frames.shift();
   }
 
   #tellState(busy: boolean): void {
