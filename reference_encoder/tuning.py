@@ -187,7 +187,7 @@ PICTURE_DB = 25.4
 """A first picture, dB over all kinds of views: one recognises everything, nobody takes it for the last [0018, 0026]."""
 NEIGHBOURS = 8
 """Number of neighbours of a class among which those that cover most are shown before the others [0026]."""
-FRONT_CLASSES, FRONT_STEP = 3.0, 0.5
+FRONT_CLASSES, FRONT_STEP = 3.0, 0.125
 """Over so many classes the part that a first layer shows falls from all to nothing, and in which steps that is tried,
 classes [0026]."""
 FRONT_LAMBDA, MOST_MODEL_SHARE = 100.0, 0.25
@@ -203,8 +203,10 @@ LARGEST_SHARE = 0.4
 """Maximum share of the bits in a first layer: with more it is no preview [0018]."""
 LARGEST_LAMBDA_RATIO, LAMBDAS = 1e7, 80
 """Lambdas a layer may have: the largest over that of the last layer, and how many [0018]."""
-PREVIEW_TRIES, DB_A_LAMBDA = 3, 0.3
-"""To find how coarse a layer may be: how often to look, and about how many dB the next lambda costs [0018]."""
+USUAL_DB, COARSER_LAMBDAS = 27.0, 31
+"""A first layer has about the lambda of a file of so many dB; how many larger ones are tried [0060]."""
+FALLBACK_FRONTS = 4
+"""Where no first layer is good enough, every fourth part of the scene is looked at [0060]."""
 
 # --- Latents: rdo/latent.py, and codewords of training ---
 

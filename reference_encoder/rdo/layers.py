@@ -10,9 +10,9 @@ that depend on the view where it can (docs/decisions/0026-first-layers.md).
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cache, cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,8 +22,9 @@ from reference_encoder.rdo.rdo_input import RdoInput
 from reference_encoder.tuning import (
     BELOW_DB,
     COARSE_ABSENCE,
-    DB_A_LAMBDA,
+    COARSER_LAMBDAS,
     DECODER_WEIGHT_BITS,
+    FALLBACK_FRONTS,
     FEWEST_DIVIDED,
     FRONT_CLASSES,
     FRONT_LAMBDA,
@@ -34,7 +35,7 @@ from reference_encoder.tuning import (
     MOST_MODEL_SHARE,
     NEIGHBOURS,
     PICTURE_DB,
-    PREVIEW_TRIES,
+    USUAL_DB,
     WORTH_DB,
 )
 from scarfmt.arrays import F64, I64
@@ -43,6 +44,8 @@ Steps = tuple[int, ...]
 """Steps of each channel that a class receives."""
 PreviewMetric = Callable[[Sequence[Steps], Sequence[float]], float]
 """From what each class of a layer receives, and the part of each that is there, to how good it looks, dB."""
+Rating = Callable[["LayerChoice"], float]
+"""From a choice to how good it looks, dB."""
 
 
 @dataclass(frozen=True)
@@ -120,6 +123,11 @@ class LayerCosts:
         each = self._offer(choice.lambda_, choice.latent).bits
         return float(self.model_bits * choice.latent + np.dot(choice.parts, each[: choice.shown]))
 
+    def error(self, choice: LayerChoice) -> float:
+        """Predicted squared picture error of a layer that shows whole classes."""
+        left = self._offer(choice.lambda_, choice.latent).error[: choice.shown]
+        return float(left.sum() + self.absence[choice.shown :].sum())
+
     def pays(self, lambda_: float) -> NDArray[np.bool_]:
         """(classes,) whether each is predicted to be worth its bits at `lambda_`."""
         offer = self._offer(lambda_, True)
@@ -132,10 +140,6 @@ class LayerCosts:
             if self.bits(choice) <= bits:
                 return choice
         return None
-
-    def coarser(self, choice: LayerChoice) -> list[LayerChoice]:
-        """The layer with larger lambdas, rising."""
-        return [replace(choice, lambda_=float(lambda_)) for lambda_ in self.lambdas if lambda_ > choice.lambda_]
 
     def fronts(self) -> list[tuple[float, ...]]:
         """Parts that a first layer may show, growing: of the :data:`FRONT_CLASSES` last classes less and less."""
@@ -209,36 +213,50 @@ def find_first_layer(costs: LayerCosts, metric: PreviewMetric, quality: float, s
         quality: of the last layer, dB: the first stays well below.
         share: of the bits.
     """
-    wanted = min(PICTURE_DB, quality - BELOW_DB)
+    rate, wanted = _rate_once(costs, metric), min(PICTURE_DB, quality - BELOW_DB)
+    usual = costs.last * 10 ** max(0.0, (quality - USUAL_DB) / 10)
     found: LayerChoice | None = None
     kinds: list[LayerChoice] = []
     for latent in (False, True) if costs.model_bits else (True,):
         most = costs.bits(found) if found else LARGEST_SHARE * costs.bits(costs.final)
         kinds = [LayerChoice(costs.last, parts, latent) for parts in costs.fronts()]
-        found = _smallest(costs, metric, kinds, wanted, most) or found
+        found = _find_smallest(costs, rate, kinds, usual, wanted, most) or found
     if found is not None:
         return found
-    affordable = (costs.affordable(kind, share * costs.bits(costs.final)) for kind in kinds)
-    return max((choice for choice in affordable if choice), key=lambda c: _rate(costs, metric, c), default=costs.least)
+    affordable = (costs.affordable(kind, share * costs.bits(costs.final)) for kind in kinds[::FALLBACK_FRONTS])
+    return max((choice for choice in affordable if choice), key=rate, default=costs.least)
 
 
-def _smallest(
-    costs: LayerCosts, metric: PreviewMetric, kinds: Sequence[LayerChoice], wanted: float, most: float
+def _rate_once(costs: LayerCosts, metric: PreviewMetric) -> Rating:
+    """How good choices look, dB; each is looked at once."""
+    return cache(lambda choice: metric(costs.steps(choice), choice.parts))
+
+
+def _find_smallest(
+    costs: LayerCosts, rate: Rating, kinds: Sequence[LayerChoice], usual: float, wanted: float, most: float
 ) -> LayerChoice | None:
-    """About the smallest layer of one of the growing `kinds` that looks good enough, None if that takes too much."""
+    """About the smallest layer of one of the growing `kinds` that looks good enough, None if that takes too much.
+
+    Holes are what spoils a first picture, not coarse values: it is the first kind that looks good enough at a lambda
+    like `usual`, with the largest lambda that still does.
+    """
+
+    def usually(kind: LayerChoice) -> LayerChoice | None:
+        finest = costs.affordable(kind, most)
+        return finest and replace(kind, lambda_=max(finest.lambda_, usual))
 
     def enough(index: int) -> bool:
-        finest = costs.affordable(kinds[index], most)
+        choice = usually(kinds[index])
         # What is out of reach is too much, not too little: smaller ones are looked for before it.
-        return finest is None or _rate(costs, metric, finest) >= wanted
+        return choice is None or rate(choice) >= wanted
 
-    found: LayerChoice | None = None
-    for kind in kinds[_first_that(len(kinds), enough) :]:
-        better = _smaller(costs, metric, kind, wanted, costs.bits(found) if found else most)
-        if better is None:
-            break
-        found = better
-    return found
+    index = _first_that(len(kinds), enough)
+    choice = usually(kinds[index]) if index < len(kinds) else None
+    if choice is None:
+        return None
+    rising = [choice, *(replace(choice, lambda_=float(each)) for each in costs.lambdas if each > choice.lambda_)]
+    rising = rising[: COARSER_LAMBDAS + 1]
+    return rising[_first_that(len(rising) - 1, lambda index: rate(rising[index + 1]) < wanted)]
 
 
 def _first_that(count: int, holds: Callable[[int], bool]) -> int:
@@ -250,64 +268,37 @@ def _first_that(count: int, holds: Callable[[int], bool]) -> int:
     return low
 
 
-def _rate(costs: LayerCosts, metric: PreviewMetric, choice: LayerChoice) -> float:
-    return metric(costs.steps(choice), choice.parts)
-
-
-def _smaller(
-    costs: LayerCosts, metric: PreviewMetric, kind: LayerChoice, wanted: float, most: float
-) -> LayerChoice | None:
-    """About the smallest layer like `kind` that looks good enough; None if that takes more than `most` bits."""
-    choice = costs.affordable(kind, most)
-    if choice is None:
-        return None
-    reached = _rate(costs, metric, choice)
-    if reached < wanted:
-        return None
-    coarser, stride = costs.coarser(choice), int((reached - wanted) / DB_A_LAMBDA)
-    for _ in range(PREVIEW_TRIES):
-        stride = min(stride, len(coarser))
-        if stride < 1:
-            break
-        found = _rate(costs, metric, coarser[stride - 1])
-        if found < wanted:
-            coarser, stride = coarser[: stride - 1], stride // 2
-        else:
-            choice, coarser, stride = coarser[stride - 1], coarser[stride:], int((found - wanted) / DB_A_LAMBDA)
-    return choice
-
-
 def find_later_layers(costs: LayerCosts, metric: PreviewMetric, first: LayerChoice, layers: int) -> list[LayerChoice]:
     """Choices for at most `layers` layers, after the `first` each the best looking of like many bits.
 
     Each looks better than the one before by :data:`WORTH_DB`, the last included.
     """
-    choices, reached = [first], [_rate(costs, metric, first)]
+    rate, choices = _rate_once(costs, metric), [first]
     for budget in _share_bits(costs.bits(first), costs.bits(costs.final), layers)[1:-1]:
-        rated = list(_rate_growing(costs, metric, choices[-1], budget))
-        rating, choice = max(rated, key=lambda pair: pair[0], default=(reached[0], first))
-        if rating >= reached[-1] + WORTH_DB:
+        choice = _find_best(costs, rate, choices[-1], budget)
+        if choice is not None and rate(choice) >= rate(choices[-1]) + WORTH_DB:
             choices.append(choice)
-            reached.append(rating)
-    if len(choices) > 1 and _rate(costs, metric, costs.final) < reached[-1] + WORTH_DB:
+    while len(choices) > 1 and rate(costs.final) < rate(choices[-1]) + WORTH_DB:
         choices.pop()
     return [*choices, costs.final]
 
 
-def _rate_growing(
-    costs: LayerCosts, metric: PreviewMetric, before: LayerChoice, budget: float
-) -> Iterator[tuple[float, LayerChoice]]:
-    """(dB, choice) for growing numbers of classes, as long as that looks better; nothing is taken back."""
-    best = float("-inf")
-    for shown in range(before.shown, costs.final.shown + 1):
-        choice = costs.affordable(show_whole(costs.last, shown), budget)
-        if choice is None or choice.lambda_ > before.lambda_:
-            return
-        rating = _rate(costs, metric, choice)
-        yield rating, choice
-        if rating < best:
-            return
-        best = rating
+def _find_best(costs: LayerCosts, rate: Rating, before: LayerChoice, budget: float) -> LayerChoice | None:
+    """The best looking layer of so many bits that takes back nothing of the one `before`; None if there is none.
+
+    The number of classes goes up and down from what is predicted to be best, as long as that looks better.
+    """
+    kinds = (show_whole(costs.last, shown) for shown in range(before.shown, costs.final.shown + 1))
+    affordable = (costs.affordable(kind, budget) for kind in kinds)
+    choices = [choice for choice in affordable if choice is not None and choice.lambda_ <= before.lambda_]
+    if not choices:
+        return None
+    best = start = min(range(len(choices)), key=lambda index: costs.error(choices[index]))
+    for direction in (-1, 1):
+        index = start + direction
+        while 0 <= index < len(choices) and rate(choices[index]) > rate(choices[best]):
+            best, index = index, index + direction
+    return choices[best]
 
 
 def _share_bits(first: float, last: float, layers: int) -> list[float]:
