@@ -24,7 +24,7 @@ import numpy as np
 
 from reference_encoder.judge.quality import Judge, Quality
 from reference_encoder.judge.rate_control import RateControl
-from reference_encoder.judge.reconstruct import reconstruct_preview
+from reference_encoder.judge.reconstruct import PreviewScene
 from reference_encoder.judge.views import ViewSet
 from reference_encoder.opening_view import find_opening_view
 from reference_encoder.options import EncodeOptions
@@ -209,11 +209,12 @@ class Encoder:
 
     def _metric(self, problem: RdoInput, curves: Sequence[RdCurve], most: float) -> PreviewMetric:
         """How good layers look, each view counting as at most `most` dB."""
+        scene = PreviewScene.of(problem, curves)
 
         def decibels(steps: Sequence[Steps], parts: Sequence[float]) -> float:
             self._report()
             assert self.profile.preview is not None
-            return self.profile.preview.psnr_db(reconstruct_preview(problem, curves, steps, parts), most)
+            return self.profile.preview.psnr_db(scene.reconstruct(steps, parts), most)
 
         return decibels
 

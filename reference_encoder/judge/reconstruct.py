@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -40,29 +41,66 @@ def reconstruct_anchors(scene: QuantisedScene) -> AnchorModel:
     return anchor_model(at, values, slots, scene.decoder, scene.scene_mlps, codewords)
 
 
-def reconstruct_preview(
-    problem: RdoInput, curves: Sequence[RdCurve], steps: Sequence[Sequence[int]], parts: Sequence[float] | None = None
-) -> GaussianScene:
-    """About the Gaussians of a layer in which the first classes have received `steps`, values simply rounded.
+@dataclass(frozen=True)
+class PreviewScene:
+    """N anchors in the order in which layers show them: class by class, those that cover most first.
 
-    Args:
-        problem, curves: what there is to decide, and first steps of all channels.
-        steps: of each class that is there, those of each channel.
-        parts: of each of these classes, what is there; None for all of them.
+    What any layer shows of a class is then a slice, and rounding it many times takes no search.
+
+    Attributes:
+        problem: what there is to decide.
+        curves: first steps of all channels.
+        bounds: (classes + 1,) where classes begin.
+        rank: (N,) of each anchor in its class, 0 to below 1.
+        corners: (N, 3) float64 positions less their residuals.
+        cell: (N,) float64 width of its cell, world units.
+        values: (N, components) float32 per channel.
     """
-    classes, placement = problem.classes, problem.placement
-    here = np.flatnonzero(classes.shown([1.0] * len(steps) if parts is None else parts))
-    received, values = np.array(steps), {}
-    for index, curve in enumerate(curves):
-        if received[:, index].any():
-            widths = cell_widths(curve.step, received[:, index])
-            values[curve.stream] = _round_values(problem.values[curve.stream], here, classes.of, widths)
-    moved = values.get(Stream.POSITION_RESIDUAL, np.float32(0)) - placement.residual[here]
-    at = problem.positions[here] + moved * placement.cell[here, None]
-    values.setdefault(Stream.SCALE, np.zeros((len(here), 3), np.float32))
-    decoder = problem.decoder if Stream.LATENT in values else None
-    nothing = None, np.zeros((len(here), 0), np.int64), np.zeros(len(here), np.int64)
-    return explicit_scene(at, values, problem.sh_degree, decoder, nothing, problem.description)
+
+    problem: RdoInput
+    curves: Sequence[RdCurve]
+    bounds: I64
+    rank: F64
+    corners: F64
+    cell: F64
+    values: Mapping[Stream, F32]
+
+    @classmethod
+    def of(cls, problem: RdoInput, curves: Sequence[RdCurve]) -> PreviewScene:
+        """All anchors of a problem."""
+        classes, placement = problem.classes, problem.placement
+        rank = np.zeros(len(classes.of)) if classes.coverage_rank is None else classes.coverage_rank
+        order = np.lexsort((rank, classes.of))
+        bounds = np.searchsorted(classes.of[order], np.arange(classes.count + 1))
+        corners = problem.positions - placement.residual * placement.cell[:, None]
+        values = {curve.stream: problem.values[curve.stream][order].astype(np.float32) for curve in curves}
+        return cls(problem, curves, bounds, rank[order], corners[order], placement.cell[order], values)
+
+    def reconstruct(self, steps: Sequence[Sequence[int]], parts: Sequence[float] | None = None) -> GaussianScene:
+        """About the Gaussians of a layer in which the first classes have received `steps`, values simply rounded.
+
+        Args:
+            steps: of each class that is there, those of each channel.
+            parts: of each of these classes, what is there; None for all of them.
+        """
+        here = [self._slice(number, part) for number, part in enumerate([1.0] * len(steps) if parts is None else parts)]
+        received, values = np.array(steps), {}
+        for index, curve in enumerate(self.curves):
+            if received[:, index].any():
+                widths = cell_widths(curve.step, received[:, index]).astype(np.float32)
+                values[curve.stream] = _round_slices(self.values[curve.stream], here, widths)
+        at = np.concatenate([self.corners[rows] for rows in here])
+        if Stream.POSITION_RESIDUAL in values:
+            at += values[Stream.POSITION_RESIDUAL] * np.concatenate([self.cell[rows] for rows in here])[:, None]
+        values.setdefault(Stream.SCALE, np.zeros((len(at), 3), np.float32))
+        decoder = self.problem.decoder if Stream.LATENT in values else None
+        nothing = None, np.zeros((len(at), 0), np.int64), np.zeros(len(at), np.int64)
+        return explicit_scene(at, values, self.problem.sh_degree, decoder, nothing, self.problem.description)
+
+    def _slice(self, number: int, part: float) -> slice:
+        """Where the given part of a class is."""
+        first, past = self.bounds[number : number + 2]
+        return slice(first, first + int(np.searchsorted(self.rank[first:past], part)))
 
 
 def _values(scene: QuantisedScene) -> tuple[F64, dict[Stream, F32], Codewords]:
@@ -78,15 +116,14 @@ def _values(scene: QuantisedScene) -> tuple[F64, dict[Stream, F32], Codewords]:
     return np.concatenate(at), values, (scene.codebooks, indices, stages)
 
 
-def _round_values(true: F64, here: I64, classes: I64, widths: F64) -> F32:
-    """(n, components) values of the anchors `here`, rounded to multiples of the widths of their classes; 0 for 0.
-
-    Args:
-        true: (N, components).
-        here: (n,) rows of these.
-        classes: (N,).
-        widths: (classes, components).
-    """
-    width = widths[classes[here]]
-    cells = np.divide(true[here], width, out=np.zeros(width.shape), where=width > 0)
-    return np.asarray((np.rint(cells) * width).astype(np.float32))
+def _round_slices(true: F32, slices: Sequence[slice], widths: F32) -> F32:
+    """(n, components) the rows of some classes, rounded to multiples of their (classes, components) widths; 0 for 0."""
+    rounded = np.empty((sum(rows.stop - rows.start for rows in slices), true.shape[1]), np.float32)
+    first = 0
+    for rows, width in zip(slices, widths, strict=True):
+        part = rounded[first : first + rows.stop - rows.start]
+        per = np.divide(1, width, out=np.zeros_like(width), where=width > 0)
+        np.rint(np.multiply(true[rows], per, out=part), out=part)
+        part *= width
+        first += len(part)
+    return rounded

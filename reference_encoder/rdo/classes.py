@@ -6,7 +6,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from reference_encoder.tuning import IMPORTANCE_RATIO, NEIGHBOURS
 from scarfmt.arrays import F64, I64
@@ -148,12 +147,6 @@ class Classes:
             return np.asarray(share * self.presence_bits(lambda_)[whole])
 
         return replace(self, of=of, count=len(whole), presence_bits=presence)
-
-    def shown(self, parts: Sequence[float]) -> NDArray[np.bool_]:
-        """(N,) whether an anchor is among the given parts of the first classes."""
-        if self.coverage_rank is None:
-            return self.of < len(parts)
-        return self.coverage_rank < np.concatenate([parts, np.zeros(self.count - len(parts))])[self.of]
 
 
 def split_numbers(count: int, parts: Sequence[float]) -> tuple[I64, F64, I64, I64]:

@@ -24,11 +24,11 @@ from reference_encoder.tuning import (
     COARSE_ABSENCE,
     COARSER_LAMBDAS,
     DECODER_WEIGHT_BITS,
-    FALLBACK_FRONTS,
     FEWEST_DIVIDED,
     FRONT_CLASSES,
     FRONT_LAMBDA,
     FRONT_STEP,
+    FRONT_STRIDE,
     LAMBDAS,
     LARGEST_LAMBDA_RATIO,
     LARGEST_SHARE,
@@ -223,7 +223,7 @@ def find_first_layer(costs: LayerCosts, metric: PreviewMetric, quality: float, s
         found = _find_smallest(costs, rate, kinds, usual, wanted, most) or found
     if found is not None:
         return found
-    affordable = (costs.affordable(kind, share * costs.bits(costs.final)) for kind in kinds[::FALLBACK_FRONTS])
+    affordable = (costs.affordable(kind, share * costs.bits(costs.final)) for kind in kinds[::FRONT_STRIDE])
     return max((choice for choice in affordable if choice), key=rate, default=costs.least)
 
 
@@ -237,8 +237,8 @@ def _find_smallest(
 ) -> LayerChoice | None:
     """About the smallest layer of one of the growing `kinds` that looks good enough, None if that takes too much.
 
-    Holes are what spoils a first picture, not coarse values: it is the first kind that looks good enough at a lambda
-    like `usual`, with the largest lambda that still does.
+    Holes are what spoils a first picture, not coarse values: it is mostly the first kind that looks good enough at a
+    lambda like `usual`, with the largest lambda that still does.
     """
 
     def usually(kind: LayerChoice) -> LayerChoice | None:
@@ -254,8 +254,19 @@ def _find_smallest(
     choice = usually(kinds[index]) if index < len(kinds) else None
     if choice is None:
         return None
-    rising = [choice, *(replace(choice, lambda_=float(each)) for each in costs.lambdas if each > choice.lambda_)]
-    rising = rising[: COARSER_LAMBDAS + 1]
+    found = _coarsen(costs, rate, choice, wanted)
+    for kind in kinds[index + FRONT_STRIDE :: FRONT_STRIDE]:
+        choice = costs.affordable(kind, costs.bits(found))
+        if choice is None or rate(choice) < wanted:
+            break
+        found = _coarsen(costs, rate, choice, wanted)
+    return found
+
+
+def _coarsen(costs: LayerCosts, rate: Rating, choice: LayerChoice, wanted: float) -> LayerChoice:
+    """The layer like `choice`, which looks good enough, with about the largest lambda that still does."""
+    coarser = [replace(choice, lambda_=float(each)) for each in costs.lambdas if each > choice.lambda_]
+    rising = [choice, *coarser[:COARSER_LAMBDAS]]
     return rising[_first_that(len(rising) - 1, lambda index: rate(rising[index + 1]) < wanted)]
 
 

@@ -9,12 +9,14 @@ from fuzz.testing.scenes import random_scene as random_integers
 from reference_decoder.decode import decode
 from reference_encoder.encode import Encoder, measure_scene
 from reference_encoder.importance.anchor_sensitivity import draw_anchors
-from reference_encoder.judge.reconstruct import reconstruct_anchors, reconstruct_gaussians, reconstruct_preview
+from reference_encoder.judge.reconstruct import PreviewScene, reconstruct_anchors, reconstruct_gaussians
 from reference_encoder.options import EncodeOptions
+from reference_encoder.rdo.layers import price_layers
 from reference_encoder.tuning import NEIGHBOURS
 from scarfmt.coding.writer import QuantisedScene, write_scene
 from scarfmt.container.schema import Profile, Stream
 from scarfmt.render.metrics import psnr
+from scarfmt.render.rasterise import render
 from scarfmt.scene.gaussians import AnchorModel, GaussianScene
 from tests.reference_encoder.profiles.test_anchors import picture, ring, small_model
 from tests.render.scenes import random_scene
@@ -66,10 +68,21 @@ def test_previews_hold_the_classes_they_say() -> None:
     trial = Encoder(measure_scene(random_scene(2, 900, 1), options)).run()
     steps = tuple(0 if curve.stream == Stream.LATENT else 2 for curve in trial.curves)
     sizes = np.bincount(trial.problem.classes.of)
-    whole = reconstruct_preview(trial.problem, trial.curves, [steps] * 2)
-    half = reconstruct_preview(trial.problem, trial.curves, [steps] * 2, (1.0, 0.5))
+    preview = PreviewScene.of(trial.problem, trial.curves)
+    whole, half = preview.reconstruct([steps] * 2), preview.reconstruct([steps] * 2, (1.0, 0.5))
     assert len(whole) == sizes[:2].sum()
     assert abs(len(half) - sizes[0] - sizes[1] / 2) <= NEIGHBOURS / 2
     assert not whole.sh[:, 1:].any()
     finest = [tuple(9 for _ in trial.curves)] * len(sizes)
-    assert reconstruct_preview(trial.problem, trial.curves, finest).sh[:, 1:].any()
+    assert preview.reconstruct(finest).sh[:, 1:].any()
+
+
+def test_previews_of_the_last_layer_are_near_what_is_decoded() -> None:
+    """With all steps of the last layer, every Gaussian is the one of the file but for the rounding of its values."""
+    options = EncodeOptions(quality=45, effort=1, layers=1, corrections=0)
+    trial = Encoder(measure_scene(random_scene(2, 900, 1), options)).run()
+    preview, costs = PreviewScene.of(trial.problem, trial.curves), price_layers(trial.problem, trial.curves)
+    shown = preview.reconstruct(costs.steps(costs.final))
+    found = reconstruct_gaussians(trial.scene)
+    camera = ring(3)[1]
+    assert psnr(render(shown, camera), render(found, camera)) > 40

@@ -81,13 +81,13 @@ def test_layers_by_rule_are_a_valid_table(seed: int, layers: int) -> None:
     assert bits[0] <= 0.3 * bits[-1]
 
 
-def test_first_picture_is_good_enough_and_no_smaller_one_like_it_is(costs: LayerCosts) -> None:
-    """The first picture reaches the PSNR that it needs: with no larger lambda, and with nothing less of a class."""
+def test_first_picture_is_good_enough_and_no_smaller_one_is(costs: LayerCosts) -> None:
+    """The first picture reaches the PSNR that it needs. Among all lambdas and fronts, none much smaller does."""
     found = find_first_layer(costs, decibels, QUALITY, 0.3)
     assert seen(costs, found) >= PICTURE_DB
-    coarser = [replace(found, lambda_=float(each)) for each in costs.lambdas if each > 1.001 * found.lambda_]
-    fewer = [replace(found, parts=parts) for parts in costs.fronts() if sum(parts) < sum(found.parts)]
-    assert all(seen(costs, choice) < PICTURE_DB for choice in [*coarser, *fewer])
+    every = [LayerChoice(float(lambda_), parts, False) for parts in costs.fronts() for lambda_ in costs.lambdas]
+    good = [costs.bits(choice) for choice in every if seen(costs, choice) >= PICTURE_DB]
+    assert costs.bits(found) <= 1.1 * min(good)
 
 
 def test_first_picture_takes_parts_of_classes_if_they_will_do(costs: LayerCosts) -> None:
@@ -115,7 +115,7 @@ def test_fronts_grow_from_one_class_to_all(costs: LayerCosts) -> None:
 def test_first_picture_has_latents_where_they_pay(costs: LayerCosts) -> None:
     """Without them it does not carry the decoder; with them it does, if nothing else looks good enough."""
     bits, error = np.tile([0.0, 50.0], (CLASSES, 1)), np.tile([9.0, 0.0], (CLASSES, 1))
-    costs = replace(costs, curves=[*costs.curves, RdCurve(Stream.LATENT, (1.0,), bits, error)], model_bits=20_000.0)
+    costs = replace(costs, curves=[*costs.curves, RdCurve(Stream.LATENT, (1.0,), bits, error)], model_bits=5000.0)
     assert not find_first_layer(costs, decibels, QUALITY, 0.3).latent
     found = find_first_layer(costs, lambda steps, parts: decibels(steps, parts) * steps[0][1], QUALITY, 0.3)
     assert found.latent
