@@ -203,7 +203,7 @@ LARGEST_SHARE = 0.4
 """Maximum share of the bits in a first layer: with more it is no preview [0018]."""
 LARGEST_LAMBDA_RATIO, LAMBDAS = 1e7, 80
 """Lambdas a layer may have: the largest over that of the last layer, and how many [0018]."""
-USUAL_DB, COARSER_LAMBDAS = 27.0, 31
+USUAL_DB, COARSER_LAMBDAS = 27.0, 15
 """A first layer has about the lambda of a file of so many dB; how many larger ones are tried [0060]."""
 FRONT_STRIDE = 4
 """Beyond the least part of the scene that is good enough, and where none is, every fourth one is looked at [0060]."""

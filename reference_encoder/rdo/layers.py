@@ -133,6 +133,10 @@ class LayerCosts:
         offer = self._offer(lambda_, True)
         return np.asarray(offer.error + lambda_ * offer.bits < self.absence)
 
+    def affords_latents(self, share: float) -> bool:
+        """Whether the models that latents need leave most of that share of the bits to the scene."""
+        return self.model_bits <= MOST_MODEL_SHARE * share * self.bits(self.final)
+
     def affordable(self, kind: LayerChoice, bits: float) -> LayerChoice | None:
         """The layer like `kind` with the smallest lambda that takes at most `bits`; None if there is none."""
         for lambda_ in self.lambdas.tolist():
@@ -192,18 +196,16 @@ def predict_later_layers(first: LayerChoice, costs: LayerCosts, layers: int) -> 
 def predict_first_layer(costs: LayerCosts, share: float) -> LayerChoice:
     """The first layer of `share` of the bits that is good as a rule, without a look at it.
 
-    Of the best looking ones lambda is about :data:`FRONT_LAMBDA` times that of the last layer; they have latents where
-    the models that these need leave most of the bits to the scene.
+    Of the best looking ones lambda is about :data:`FRONT_LAMBDA` times that of the last layer.
     """
-    budget = share * costs.bits(costs.final)
-    latent = costs.model_bits <= MOST_MODEL_SHARE * budget
+    budget, latent = share * costs.bits(costs.final), costs.affords_latents(share)
     kinds = (LayerChoice(costs.last, parts, latent) for parts in costs.fronts())
     choices = [choice for choice in (costs.affordable(kind, budget) for kind in kinds) if choice]
     return min(choices, key=lambda c: abs(np.log(c.lambda_ / (FRONT_LAMBDA * costs.last))), default=costs.least)
 
 
 def find_first_layer(costs: LayerCosts, metric: PreviewMetric, quality: float, share: float) -> LayerChoice:
-    """The smallest first layer that looks as good as :data:`PICTURE_DB`, with or without latents.
+    """The smallest first layer that looks as good as :data:`PICTURE_DB`.
 
     If none does within :data:`LARGEST_SHARE` of the bits, the best within `share`.
 
@@ -213,17 +215,13 @@ def find_first_layer(costs: LayerCosts, metric: PreviewMetric, quality: float, s
         quality: of the last layer, dB: the first stays well below.
         share: of the bits.
     """
-    rate, wanted = _rate_once(costs, metric), min(PICTURE_DB, quality - BELOW_DB)
+    rate, wanted, all_bits = _rate_once(costs, metric), min(PICTURE_DB, quality - BELOW_DB), costs.bits(costs.final)
+    kinds = [LayerChoice(costs.last, parts, costs.affords_latents(share)) for parts in costs.fronts()]
     usual = costs.last * 10 ** max(0.0, (quality - USUAL_DB) / 10)
-    found: LayerChoice | None = None
-    kinds: list[LayerChoice] = []
-    for latent in (False, True) if costs.model_bits else (True,):
-        most = costs.bits(found) if found else LARGEST_SHARE * costs.bits(costs.final)
-        kinds = [LayerChoice(costs.last, parts, latent) for parts in costs.fronts()]
-        found = _find_smallest(costs, rate, kinds, usual, wanted, most) or found
+    found = _find_smallest(costs, rate, kinds, usual, wanted, LARGEST_SHARE * all_bits)
     if found is not None:
         return found
-    affordable = (costs.affordable(kind, share * costs.bits(costs.final)) for kind in kinds[::FRONT_STRIDE])
+    affordable = (costs.affordable(kind, share * all_bits) for kind in kinds[::FRONT_STRIDE])
     return max((choice for choice in affordable if choice), key=rate, default=costs.least)
 
 
