@@ -13,17 +13,16 @@ A file is, in this order and with nothing between or after:
 CRC-32 is the one of zlib, PNG and Ethernet: reflected polynomial 0xEDB88320, initial value and final XOR
 0xFFFFFFFF. A cut file stays readable up to its last whole block because 1-5 come first.
 
-The description of a field is normative: SPEC.md's tables are made from it, and error messages quote it.
+The docstring of a field (construct's ``* "..."``) is normative: SPEC.md's tables are made from it, and error
+messages quote it.
 """
 
 from __future__ import annotations
 
-import struct
-from collections.abc import Mapping
-from types import SimpleNamespace
 from typing import Any, NamedTuple
 
 import numpy as np
+from construct import Array, Bytes, Float64l, FormatField, Int8ul, Int32ul, Int64ul, Renamed, Struct
 
 # Given on here: whoever needs the layout needs the identifiers, too.
 from scarfmt.container.registries import READABLE_KINDS as READABLE_KINDS
@@ -47,9 +46,66 @@ NO_TILE = 0xFFFFFFFF
 
 STREAM_COUNT = len(Stream)
 
+FILE_HEADER: Any = Struct(
+    "signature" / Bytes(len(SIGNATURE)) * "89 53 43 41 52 0D 0A 1A 0A",
+    "major" / Int8ul * "Version, major: 0. Another major is another format",
+    "minor" / Int8ul * "Version, minor: 3. While major is 0, another minor is another format",
+    "render_model" / Int8ul * "How to draw: 0 classic, 1 antialiased, 2 two-dimensional",
+    "header_length" / Int32ul * "Bytes from the signature through header_crc32: 104 + 136 * layer_count",
+    "file_length" / Int64ul * "Bytes of the whole file, below 2^53",
+    "profile" / Int8ul * "Profile: 0 explicit, 1 anchor",
+    "sh_degree" / Int8ul * "Degree of the decoded spherical harmonics, 0..3; 0 in the anchor profile",
+    "layer_count" / Int8ul * "Layers in this file, 1..16",
+    "slots" / Int8ul * "Gaussian slots of an anchor, 1..32; 1 in the explicit profile",
+    "lattice_bits" / Int8ul * "Bits per axis of the position lattice, 1..32",
+    "coordinate_frame" / Int8ul * "0 unspecified, 1 RDF (x right, y down, z forward), 2 RUB (x right, y up, z back)",
+    "colour_space" / Int8ul * "0 unspecified, 1 sRGB display-referred, 2 linear",
+    "page_bits" / Int8ul * "A page is of 2^page_bits tiles, 0..16",
+    "tile_count" / Int32ul * "Tiles",
+    "root_length" / Int32ul * "Bytes of ROOT",
+    "anchor_count" / Int64ul * "Anchors after the last layer present: that of the last layer summary",
+    "gaussian_count" / Int64ul * "Gaussians after the last layer present: that of the last layer summary",
+    "origin" / Array(3, Float64l) * "World position of lattice point (0, 0, 0); finite",
+    "voxel" / Float64l * "World length of one lattice step; above 0, |origin| + voxel * 2^(lattice_bits + 1) finite",
+    "source_count" / Int64ul * "Gaussians or anchors in the encoder's input, below 2^53; informative",
+    "root_crc32" / Int32ul * "CRC-32 of ROOT",
+)
+
+LAYER_SUMMARY: Any = Struct(
+    "anchor_count" / Int64ul * "Anchors after this layer: cumulative, not below the layer before",
+    "gaussian_count"
+    / Int64ul
+    * (
+        "Gaussians after this layer: cumulative, not below the layer before; equal to anchor_count in the explicit"
+        " profile, at most anchor_count * slots in the anchor profile"
+    ),
+    "byte_count" / Int64ul * "Bytes of all blocks of this layer",
+    "end_offset" / Int64ul * "Absolute offset one past the last block of this layer",
+    "stream_bytes" / Array(STREAM_COUNT, Int64ul) * "Of byte_count, the bytes per stream kind 0..12; their sum is it",
+)
+
+HEADER_CHECKSUM: Any = Struct(
+    "header_crc32" / Int32ul * "CRC-32 of every byte before this field",
+)
+
+SUBSTREAM_RECORD: Any = Struct(
+    "stream" / Int8ul * "Stream kind, 1..11, ascending within the block",
+    "length" / Int32ul * "Bytes of the sub-stream, a multiple of 4, not 0",
+    "crc32" / Int32ul * "CRC-32 of the sub-stream",
+)
+
+STRUCTURES: dict[str, Any] = {
+    "FILE_HEADER": FILE_HEADER,
+    "LAYER_SUMMARY": LAYER_SUMMARY,
+    "HEADER_CHECKSUM": HEADER_CHECKSUM,
+    "SUBSTREAM_RECORD": SUBSTREAM_RECORD,
+}
+
+_SCALARS = {"<B": ("u8", "<u1"), "<H": ("u16", "<u2"), "<L": ("u32", "<u4"), "<Q": ("u64", "<u8"), "<d": ("f64", "<f8")}
+
 
 class Field(NamedTuple):
-    """A field: byte offset in the structure, byte size, type, name, normative description."""
+    """One row of a field table: byte offset in the structure, byte size, type, name, normative description."""
 
     offset: int
     size: int
@@ -58,116 +114,47 @@ class Field(NamedTuple):
     description: str
 
 
-_CODES = {"u8": "B", "u32": "L", "u64": "Q", "f64": "d"}
+def _unnamed(member: Any) -> Any:
+    while isinstance(member, Renamed):
+        member = member.subcon
+    return member
 
 
-class Structure:
-    """Fields one after the other.
-
-    Args:
-        fields: type, name and description of each. ``f64[3]`` is three numbers; ``u8[9]`` is 9 bytes.
-
-    Attributes:
-        fields: in file order.
-        packed: all of it, for the standard library's `struct`.
-    """
-
-    def __init__(self, *fields: tuple[str, str, str]) -> None:
-        self.fields: list[Field] = []
-        self._packers: dict[str, struct.Struct] = {}
-        codes, offset = "<", 0
-        for kind, name, description in fields:
-            scalar, _, count = kind.rstrip("]").partition("[")
-            code = f"{count}s" if scalar == "u8" and count else count + _CODES[scalar]
-            self._packers[name] = struct.Struct("<" + code)
-            self.fields.append(Field(offset, self._packers[name].size, kind, name, description))
-            codes, offset = codes + code, offset + self.fields[-1].size
-        self.packed = struct.Struct(codes)
-
-    @property
-    def size(self) -> int:
-        """Bytes."""
-        return self.packed.size
-
-    def value(self, field: Field, data: bytes, at: int = 0) -> Any:
-        """A field of the structure that begins at byte `at`: a number, a tuple of them, or bytes."""
-        values = self._packers[field.name].unpack_from(data, at + field.offset)
-        return values if "[" in field.type and not isinstance(values[0], bytes) else values[0]
-
-    def parse(self, data: bytes, at: int = 0) -> SimpleNamespace:
-        """All fields of the structure that begins at byte `at`, by name."""
-        return SimpleNamespace(**{field.name: self.value(field, data, at) for field in self.fields})
-
-    def build(self, values: Mapping[str, Any]) -> bytes:
-        """The bytes of these values, of which there may be more than fields.
-
-        Raises:
-            struct.error: one does not fit its field.
-        """
-        given = [(packer, values[name]) for name, packer in self._packers.items()]
-        return b"".join(packer.pack(*(value if isinstance(value, tuple) else (value,))) for packer, value in given)
+def _field_type(member: Any) -> str:
+    subcon = _unnamed(member)
+    if isinstance(subcon, FormatField):
+        return _SCALARS[subcon.fmtstr][0]
+    if isinstance(subcon, Array):
+        return f"{_field_type(subcon.subcon)}[{subcon.count}]"
+    return f"u8[{subcon.sizeof()}]"
 
 
-FILE_HEADER = Structure(
-    (f"u8[{len(SIGNATURE)}]", "signature", "89 53 43 41 52 0D 0A 1A 0A"),
-    ("u8", "major", "Version, major: 0. Another major is another format"),
-    ("u8", "minor", "Version, minor: 3. While major is 0, another minor is another format"),
-    ("u8", "render_model", "How to draw: 0 classic, 1 antialiased, 2 two-dimensional"),
-    ("u32", "header_length", "Bytes from the signature through header_crc32: 104 + 136 * layer_count"),
-    ("u64", "file_length", "Bytes of the whole file, below 2^53"),
-    ("u8", "profile", "Profile: 0 explicit, 1 anchor"),
-    ("u8", "sh_degree", "Degree of the decoded spherical harmonics, 0..3; 0 in the anchor profile"),
-    ("u8", "layer_count", "Layers in this file, 1..16"),
-    ("u8", "slots", "Gaussian slots of an anchor, 1..32; 1 in the explicit profile"),
-    ("u8", "lattice_bits", "Bits per axis of the position lattice, 1..32"),
-    ("u8", "coordinate_frame", "0 unspecified, 1 RDF (x right, y down, z forward), 2 RUB (x right, y up, z back)"),
-    ("u8", "colour_space", "0 unspecified, 1 sRGB display-referred, 2 linear"),
-    ("u8", "page_bits", "A page is of 2^page_bits tiles, 0..16"),
-    ("u32", "tile_count", "Tiles"),
-    ("u32", "root_length", "Bytes of ROOT"),
-    ("u64", "anchor_count", "Anchors after the last layer present: that of the last layer summary"),
-    ("u64", "gaussian_count", "Gaussians after the last layer present: that of the last layer summary"),
-    ("f64[3]", "origin", "World position of lattice point (0, 0, 0); finite"),
-    ("f64", "voxel", "World length of one lattice step; above 0, |origin| + voxel * 2^(lattice_bits + 1) finite"),
-    ("u64", "source_count", "Gaussians or anchors in the encoder's input, below 2^53; informative"),
-    ("u32", "root_crc32", "CRC-32 of ROOT"),
-)
+def field_table(structure: Any) -> list[Field]:
+    """The fields of one construct Struct of this module, in file order."""
+    rows: list[Field] = []
+    offset = 0
+    for member in structure.subcons:
+        size = member.sizeof()
+        rows.append(Field(offset, size, _field_type(member), member.name, member.docs))
+        offset += size
+    return rows
 
-LAYER_SUMMARY = Structure(
-    ("u64", "anchor_count", "Anchors after this layer: cumulative, not below the layer before"),
-    (
-        "u64",
-        "gaussian_count",
-        "Gaussians after this layer: cumulative, not below the layer before; equal to anchor_count in the explicit"
-        " profile, at most anchor_count * slots in the anchor profile",
-    ),
-    ("u64", "byte_count", "Bytes of all blocks of this layer"),
-    ("u64", "end_offset", "Absolute offset one past the last block of this layer"),
-    (f"u64[{STREAM_COUNT}]", "stream_bytes", "Of byte_count, the bytes per stream kind 0..12; their sum is it"),
-)
 
-HEADER_CHECKSUM = Structure(
-    ("u32", "header_crc32", "CRC-32 of every byte before this field"),
-)
+def field_tables() -> dict[str, list[Field]]:
+    """Field tables of all structures, by structure name."""
+    return {name: field_table(structure) for name, structure in STRUCTURES.items()}
 
-SUBSTREAM_RECORD = Structure(
-    ("u8", "stream", "Stream kind, 1..11, ascending within the block"),
-    ("u32", "length", "Bytes of the sub-stream, a multiple of 4, not 0"),
-    ("u32", "crc32", "CRC-32 of the sub-stream"),
-)
-
-STRUCTURES = {
-    "FILE_HEADER": FILE_HEADER,
-    "LAYER_SUMMARY": LAYER_SUMMARY,
-    "HEADER_CHECKSUM": HEADER_CHECKSUM,
-    "SUBSTREAM_RECORD": SUBSTREAM_RECORD,
-}
 
 def markdown_table(name: str) -> str:
     """The field table of structure `name` as SPEC.md prints it."""
     lines = ["| offset | size | type | field | meaning and range |", "|---:|---:|---|---|---|"]
-    lines += [f"| {f.offset} | {f.size} | {f.type} | `{f.name}` | {f.description} |" for f in STRUCTURES[name].fields]
+    lines += [f"| {f.offset} | {f.size} | {f.type} | `{f.name}` | {f.description} |" for f in field_tables()[name]]
     return "\n".join(lines) + "\n"
+
+
+def numpy_dtype(structure: Any) -> np.dtype[np.void]:
+    """The packed numpy dtype of a Struct of scalars: large tables are parsed with it, at once."""
+    return np.dtype([(member.name, _SCALARS[_unnamed(member).fmtstr][1]) for member in structure.subcons])
 
 
 TILE_DTYPE = np.dtype([("depth", "u1"), ("shift", "u1"), ("prefix", "<u8")])
@@ -187,9 +174,9 @@ ENTRY_DTYPE = np.dtype(
 )
 """An entry of the directory in memory, as :class:`scarfmt.container.directory.Entry` has it; `tile` may be NO_TILE."""
 
-FILE_HEADER_SIZE = FILE_HEADER.size
-LAYER_SUMMARY_SIZE = LAYER_SUMMARY.size
-CHECKSUM_SIZE = HEADER_CHECKSUM.size
+FILE_HEADER_SIZE: int = FILE_HEADER.sizeof()
+LAYER_SUMMARY_SIZE: int = LAYER_SUMMARY.sizeof()
+CHECKSUM_SIZE: int = HEADER_CHECKSUM.sizeof()
 
 
 def header_length(layer_count: int) -> int:

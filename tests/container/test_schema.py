@@ -1,9 +1,29 @@
-"""The registries: no holes, and limits within the format."""
+"""The schema module: sizes, field tables and their agreement with numpy and the registries."""
 
 from __future__ import annotations
 
-from scarfmt.container.schema import STREAM_COUNT, Stream
+import numpy as np
+
+from scarfmt.container.schema import (
+    STREAM_COUNT,
+    SUBSTREAM_RECORD,
+    Stream,
+    field_table,
+    numpy_dtype,
+)
 from scarfmt.limits import DEFAULT_LIMITS, FORMAT_LIMITS
+
+
+def test_numpy_parses_what_construct_declares() -> None:
+    """The fast parser of tables reads each field where the declaration puts it."""
+    structure, dtype = SUBSTREAM_RECORD, numpy_dtype(SUBSTREAM_RECORD)
+    rows = field_table(structure)
+    assert {row.name: (row.offset, row.size) for row in rows} == {
+        name: (place[1], place[0].itemsize) for name, place in dtype.fields.items()
+    }
+    data = bytes(range(1, dtype.itemsize + 1))
+    parsed, row = structure.parse(data), np.frombuffer(data, dtype)[0]
+    assert {name: int(row[name]) for name in dtype.names} == {name: parsed[name] for name in dtype.names}
 
 
 def test_stream_kinds_number_the_summary_array() -> None:
