@@ -146,6 +146,11 @@ export class Sketch {
     }
   }
 
+  /** Gaussians that it has. */
+  get count(): number {
+    return this.#count;
+  }
+
   /** Takes a tile, unless it has it, or has no room. */
   put({ tile, layer, count, geometry }: PackedTile): void {
     const used = Math.ceil(count / ROW);

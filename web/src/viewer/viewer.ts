@@ -60,7 +60,7 @@ export interface ViewerEvents {
 }
 
 /** What is left of a sketch once the stage can draw, milliseconds. */
-const SKETCH_MS = 4000;
+const SKETCH_MS = 15_000;
 
 type Drawing = typeof import("./drawing.js");
 
@@ -86,7 +86,7 @@ export class Viewer {
   #turns: boolean;
   /** Draws layer 1 until the stage does. */
   #sketch: Sketch | null = null;
-  /** When the sketch goes, whether or not the stage has all that it shows. */
+  /** When the sketch goes although the stage does not have all that it shows. */
   #sketchEnds = Infinity;
   /** Whether the poster is gone. */
   #uncovered = false;
@@ -290,7 +290,10 @@ export class Viewer {
   #drawSketch(lacks: boolean, now: number): void {
     const [sketch, view] = [this.#sketch, this.view];
     if (sketch === null || view === null) return;
-    if (!lacks || now > this.#sketchEnds) return this.#dropSketch();
+    const shown = this.#stage?.splatsDrawn ?? 0;
+    // What is behind the camera is of the sketch alone: while the camera turns, the stage may always lack something.
+    const enough = !lacks || shown >= sketch.count || (now > this.#sketchEnds && shown > sketch.count / 2);
+    if (shown > 0 && enough) return this.#dropSketch();
     for (const drawn of sketch.draw(view)) this.#emitter.emit("drawn", drawn);
     this.#stage?.reset();
   }
