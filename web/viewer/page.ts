@@ -21,7 +21,6 @@ interface Shown {
 }
 
 const TWO = 2;
-const MEGABYTE = 1e6;
 const ALL_DEGREES = 3;
 /** Without an answer for so long, the page says whom it waits for. */
 const PATIENCE_MS = 2500;
@@ -32,7 +31,7 @@ const STATES: ViewerState[] = ["loading", "reading", "drawing", "failed", "still
 
 /** What the address of the page asks for. */
 const said = new URLSearchParams(location.search);
-const memory = Number(said.get("memory") ?? NaN) * MEGABYTE;
+const memory = Number(said.get("memory") ?? NaN) * 1e6;
 
 /** The answer to the first request, which the page makes before this script is there; to be taken once. */
 let { firstAnswer = null } = globalThis as { firstAnswer?: Promise<Response | null> | null };

@@ -229,9 +229,8 @@ export class Viewer {
   }
 
   stats(): ViewerStats | null {
-    const { perSecond: framesPerSecond } = this.#frames;
-    const splatsDrawn = this.#stage?.splatsDrawn ?? 0;
-    return this.#feed === null ? null : { ...this.#feed.stats(), splatsDrawn, framesPerSecond };
+    const drawn = { splatsDrawn: this.#stage?.splatsDrawn ?? 0, framesPerSecond: this.#frames.perSecond };
+    return this.#feed === null ? null : { ...this.#feed.stats(), ...drawn };
   }
 
   /** The picture as it is now, of the size that it has on the page unless given. Rejects before there is one. */
