@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 from dataclasses import dataclass
 
 from scarfmt_conformance.archive import names, read
@@ -45,11 +44,3 @@ def encoded() -> list[Seed]:
 def corpus() -> list[Seed]:
     """All files to mutate, always in the same order."""
     return vectors() + encoded()
-
-
-def digest(files: list[Seed]) -> str:
-    """SHA-256 of all files: equal seeds make equal inputs from an equal corpus only."""
-    total = hashlib.sha256()
-    for file in files:
-        total.update(len(file.data).to_bytes(8, "little") + file.data)
-    return total.hexdigest()

@@ -1,15 +1,14 @@
 """Blocks changed in sound files: the C library against the definition in NumPy, without a file around them.
 
-``python -m fuzz.engines --count 10000000 --seed 1 --minutes 60 --log run.json`` takes the blocks of a sound file,
-changes one by the operators of :mod:`fuzz.testing.mutators`, makes the checksums in it right, and gives it to both.
-They must read equal values or refuse with one id; else the block goes to ``fuzz/findings/``. What the container refuses
-is for :mod:`fuzz.campaign`. Mutant n of seed S is always the same. A log that exists is gone on with.
+``python -m fuzz.campaign --kind blocks`` takes the blocks of a sound file, changes one by the operators of
+:mod:`fuzz.testing.mutators`, makes the checksums in it right, and gives it to both. They must read equal values or
+refuse with one id. What the container refuses is for the kinds of whole files.
 """
 
 from __future__ import annotations
 
-import sys
 import zlib
+from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 from typing import Any
@@ -17,8 +16,8 @@ from typing import Any
 import numpy as np
 
 from conformance.surgery.reseal import resealed_tile
-from fuzz.corpus import Seed, corpus, digest
-from fuzz.journal import Case, Examine, main
+from fuzz.case import Case
+from fuzz.corpus import Seed, corpus
 from fuzz.target import decoded
 from fuzz.testing.mutators import NOT_HERE, ON_PAYLOADS, Dice, flip_bit, flip_bits, overwrite_run, splice_bytes
 from reference_decoder.decoded import empty_anchors
@@ -185,25 +184,25 @@ class Changes:
         return dice.choice(_ANYWHERE)(payload, dice)
 
 
-def prepare(seed: int) -> tuple[str, Examine]:
-    """Both engines on changed blocks of the sound files of the corpus."""
+def prepare(seed: int) -> Callable[[int], Case]:
+    """Changed blocks of the sound files of the corpus."""
     # Decoders may differ on files of `either`.
     files = [seed for seed in corpus() if len(seed.data) <= MAX_BYTES and not seed.name.startswith("either/")]
-    sound = [seed for seed in files if not decoded(seed.data)]
-    return digest(sound), partial(compare, Changes([Sound(one) for one in sound], seed))
+    return partial(case, Changes([Sound(one) for one in files if not decoded(one.data)], seed))
 
 
-def compare(make: Changes, number: int) -> Case:
-    """The answers of both engines about a mutant."""
+def case(make: Changes, number: int) -> Case:
+    """A changed block, and the answers of both engines about it."""
     file, entry, payload, count = make(number)
+    name = f"{number} {file.name}: layer {entry.layer} {BlockKind(entry.kind).name}, count {count}"
+    return Case(name, payload, partial(compare, file, entry, payload, count))
+
+
+def compare(file: Sound, entry: Entry, payload: bytes, count: int) -> tuple[str, str | None]:
+    """What both engines make of a block: the refusal or "decoded", and whether they differ."""
     native, defined = file.answers(entry, payload, count)
     if native == defined:
-        return Case(native or "decoded")
+        return native or "decoded", None
     if "bad-zstd" in (native, defined):
-        return Case("either")  # Zstandard libraries may differ (R-5.8-4)
-    block = f"{file.name}: layer {entry.layer} {BlockKind(entry.kind).name}, count {count}"
-    return Case("different", [block, native, defined], payload)
-
-
-if __name__ == "__main__":
-    sys.exit(main(__doc__, prepare))
+        return "either", None  # Zstandard libraries may differ (R-5.8-4)
+    return "different", f"the C library: {native}, NumPy: {defined}"

@@ -1,9 +1,8 @@
 """Damaged scene files of other formats through their importers, under limits of memory and time.
 
-``python -m fuzz.importers --count 1000000 --seed 1 --minutes 60 --log run.json`` changes what a small sound file says:
-a value of its JSON, a word of its header, a number of its `.npy`, an opcode of its pickle, a byte; sizes and checksums
-of the container are made right afterwards. A finding is any exception but a ScarError, over 5 s of processor, or over
-512 MiB. Mutant n of seed S is always the same. A log that exists is gone on with.
+``python -m fuzz.campaign --kind importers`` changes what a small sound file says: a value of its JSON, a word of its
+header, a number of its `.npy`, an opcode of its pickle, a byte; sizes and checksums of the container are made right
+afterwards.
 """
 
 from __future__ import annotations
@@ -15,7 +14,6 @@ import pickle
 import pickletools
 import re
 import struct
-import sys
 import tempfile
 import warnings
 import zipfile
@@ -27,7 +25,7 @@ from typing import Any
 
 import numpy as np
 
-from fuzz.journal import Case, Examine, main
+from fuzz.case import Case
 from reference_encoder import kept_values
 from scarfmt.entropy.symbol_tables import SymbolTable
 from scarfmt.errors import InvalidInput, ScarError
@@ -305,24 +303,24 @@ FORMATS = {made.__name__[1:]: made for made in _KINDS}
 """A mutant of each kind, by its name: what reads it."""
 
 
-def prepare(seed: int) -> tuple[str, Examine]:
+def prepare(seed: int) -> Callable[[int], Case]:
     """The importers on mutants of their examples."""
-    return ", ".join(FORMATS), partial(examine, seed)
+    return partial(case, seed)
 
 
-def examine(seed: int, number: int) -> Case:
-    """Read a mutant: its kind, and the refusal, or that it was read."""
+def case(seed: int, number: int) -> Case:
+    """A mutant, and what reads it."""
     dice = Random(seed << 40 | number)
     kind = dice.choice(list(FORMATS))
-    read = FORMATS[kind](dice)
+    return Case(f"{number} {kind}", b"", partial(examine, kind, FORMATS[kind](dice)))
+
+
+def examine(kind: str, read: Callable[[], object]) -> tuple[str, None]:
+    """Read a mutant: its kind, and the refusal, or that it was read."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         try:
             read()
         except ScarError as error:
-            return Case(f"{kind} {error.refusal}")
-    return Case(f"{kind} read")
-
-
-if __name__ == "__main__":
-    sys.exit(main(__doc__, prepare))
+            return f"{kind} {error.refusal}", None
+    return f"{kind} read", None

@@ -1,13 +1,18 @@
-"""Inputs of a campaign: number n of seed S is always the same file, from an equal corpus."""
+"""Damaged files of a corpus: number n of seed S is always the same file, from an equal corpus."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from random import Random
 
-from fuzz.corpus import Seed
+from fuzz.case import Case
+from fuzz.corpus import Seed, corpus
+from fuzz.target import decoded, decoded_by, dumped, truncated, validated
 from fuzz.testing.mutators import Mutant, mutate, mutate_blocks
+
+_TRUNCATE_EVERY = 8
 
 
 @dataclass(frozen=True)
@@ -56,3 +61,40 @@ class Inputs:
         rng = Random(f"{self._kind} {self._seed}/{number}")
         file = rng.choices(self._files, self._weights)[0]
         return Input(number, file.name, KINDS[self._kind](file.data, rng.getrandbits(32), self._datas))
+
+
+def prepare(kind: str, seed: int, compare: bool) -> Callable[[int], Case]:
+    """What makes the inputs of a campaign."""
+    files = corpus()
+    if kind != "mutants":
+        files = [file for file in files if not decoded(file.data)]
+    make = Inputs(files, seed, kind)
+
+    def case(number: int) -> Case:
+        one = make(number)
+        return Case(one.name, one.mutant.data, partial(examine, one, kind == "bit-flips", compare))
+
+    return case
+
+
+def examine(one: Input, must_refuse: bool, compare: bool) -> tuple[str, str | None]:
+    """Take a file through everything that reads files: the refusal of a decode, and what is wrong.
+
+    Args:
+        one: it.
+        must_refuse: whether it is a finding if validate takes it.
+        compare: whether another answer of NumPy alone is one.
+    """
+    data = one.mutant.data
+    refusal, invalid = decoded(data), validated(data)
+    dumped(data)
+    if one.number % _TRUNCATE_EVERY == 0:
+        truncated(data)
+    # The converse is false, by rules marked (V), and as a decoder reads no block it has no need of (SPEC §5.6).
+    if refusal and not invalid:
+        return refusal, f"decode refuses {refusal}, validate finds nothing"
+    if must_refuse and not invalid:
+        return "valid", "unnoticed"
+    if compare and decoded_by(data, native=True) != decoded_by(data, native=False):
+        return refusal, "the engines differ"
+    return refusal or "decoded", None

@@ -2,21 +2,19 @@
 
 from __future__ import annotations
 
-import itertools
 import os
 import time
 from collections import Counter
-from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
 from conformance.surgery.files import blocks_of, rebuilt
-from conformance.surgery.reseal import is_file, resealed
-from fuzz.campaign import ENGINES, Examiner, run_campaign
+from conformance.surgery.reseal import resealed
+from fuzz.campaign import Examiner, run_campaign
+from fuzz.case import Case
 from fuzz.corpus import encoded
-from fuzz.inputs import KINDS, Input, Inputs
-from fuzz.sanitize import inputs
+from fuzz.inputs import KINDS, Inputs, examine
 from fuzz.target import decoded, decoded_by
 from fuzz.testing.mutators import ON_BLOCKS, OPERATORS, mutate
 
@@ -79,33 +77,32 @@ def test_a_flipped_bit_is_one_bit() -> None:
         assert (int.from_bytes(by_name[one.file]) ^ int.from_bytes(one.mutant.data)).bit_count() == 1
 
 
-def test_sanitizers_see_the_corpus_then_mutants_of_which_every_second_is_sealed() -> None:
-    """Unsealed, nearly all would be refused for a checksum before C code sees them."""
-    found = list(itertools.islice(inputs(FILES, 1), len(FILES) + 60))
-    assert [data for _, data in found[: len(FILES)]] == [file.data for file in FILES]
-    assert all(resealed(data) == data for _, data in found[len(FILES) + 1 :: 2] if is_file(data))
-
-
-def test_engines_that_answer_differently_are_a_finding(tmp_path: Path) -> None:
+def test_engines_that_answer_differently_are_a_finding(monkeypatch: pytest.MonkeyPatch) -> None:
     """Other values or another refusal."""
-    make, numbers = Inputs(FILES, 5, "deep"), range(30)
-    assert Examiner(make, engines=ENGINES, findings=tmp_path).run(numbers).findings == []
-    lying: dict[str, Callable[[bytes], str]] = {"native": lambda _: "one", "numpy": lambda _: "other"}
-    found = Examiner(make, engines=lying, findings=tmp_path).run(numbers)
-    assert [finding["what"] for finding in found.findings] == ["engines differ"] * len(numbers)
-    assert (tmp_path / "7.scar").read_bytes() == make(7).mutant.data
+    make = Inputs(FILES, 5, "deep")
+    assert {examine(make(number), False, True)[1] for number in range(30)} == {None}
+    monkeypatch.setattr("fuzz.inputs.decoded_by", lambda _, native: str(native))
+    assert examine(make(0), False, True)[1] == "the engines differ"
 
 
 def test_an_input_that_ends_the_process_is_a_finding_and_the_others_are_examined(tmp_path: Path) -> None:
-    def deadly(number: int) -> Input:
-        if number == 3 and os.getpid() != own:
-            os._exit(9)
-        return make(number)
+    """So is one that raises; bytes are kept of both."""
 
-    own, make = os.getpid(), Inputs(FILES, 5)
-    tally = run_campaign(Examiner(deadly, findings=tmp_path), 8, 2, time.monotonic() + 600)
-    assert [(finding["what"], finding["input"]) for finding in tally.findings] == [("died, exit code 9", make(3).name)]
-    assert tally.inputs == 4, "those after it"
+    def act(number: int) -> tuple[str, None]:
+        if number == 3:
+            os._exit(9)
+        if number == 6:
+            raise ValueError("six")
+        return "fine", None
+
+    def make(number: int) -> Case:
+        return Case(f"{number} it", bytes([number]), lambda: act(number))
+
+    tally = run_campaign(Examiner(make, findings=tmp_path), range(8), 2, time.monotonic() + 600)
+    assert tally.outcomes == {"fine": 3, "ValueError": 1}, "those after it"
+    assert [finding["input"] for finding in tally.findings] == ["3 it", "6 it"]
+    assert tally.findings[0]["what"].startswith("died, exit code 9")
+    assert ((tmp_path / "3").read_bytes(), (tmp_path / "6").read_bytes()) == (b"\3", b"\6")
 
 
 @pytest.mark.parametrize("native", [False, True])
