@@ -80,11 +80,17 @@ dist-test: $(STAMP) ## dist twice, compared, and each part installed and used in
 first-hour: $(STAMP) ## every printed command of README and the guides, in an empty environment; network
 	$(BIN)/python -m release.first_hour
 
+# The files that quality encodes are used again by the others; full runs of trained need captures, see there.
+BENCHMARKS := quality rivals trained time scale
+
 bench: $(STAMP) ## the five benchmark programs, short, on the example scene: prints, writes to build/bench/ alone
-	$(BIN)/python -m benchmarks.all --short
+	set -e; for name in $(BENCHMARKS); do $(BIN)/python -m benchmarks.$$name --short --no-write; done
 
 bench-full: $(STAMP) ## the five benchmark programs on every scene found, hours; rewrites README.md and docs/
-	$(BIN)/python -m benchmarks.all --full
+	set -e; for name in quality rivals time; do $(BIN)/python -m benchmarks.$$name; done
+	$(BIN)/python -m benchmarks.trained --report
+	$(BIN)/python -m benchmarks.scale --gaussians 10000000 --workers 1 2
+	$(BIN)/python -m benchmarks.pictures
 
 pictures: $(STAMP) ## redraw the sheet of layers in docs/images/
 	$(BIN)/python -m benchmarks.pictures

@@ -1,1 +1,1 @@
-"""Measurements on real scenes; each module with a command rewrites its part of docs/. All at once: `benchmarks.all`."""
+"""Measurements on real scenes; each module with a command rewrites its part of docs/. All at once: `make bench`."""

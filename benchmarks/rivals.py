@@ -2,7 +2,7 @@
 
     python -m benchmarks.rivals                                 all scenes: a quarter of an hour once cached
     python -m benchmarks.rivals --short --no-write              the example scene, printed
-    python -m benchmarks.rivals --scenes flowers --formats spz sog --fresh
+    python -m benchmarks.rivals --scenes flowers --fresh
     python -m benchmarks.rivals --report                        only rewrite tables and plots from earlier results
 
 Needs node and npm for SPZ, SOG and compressed.ply; without them those are listed as skipped. Programs and the rivals'
@@ -28,7 +28,7 @@ from benchmarks.quality import DEFAULT_EFFORT, SHOWN_RIVALS, sort_runs, title
 from benchmarks.quality import NAME as QUALITY
 from benchmarks.report import RESULTS_PAGE, add_arguments, add_provenance, load_results, replace_section, save_results
 from benchmarks.report import table as make_table
-from benchmarks.rivals_formats import FAMILIES, Format, list_formats, measure_reading, read
+from benchmarks.rivals_formats import Format, list_formats, measure_reading, read
 from benchmarks.rivals_tools import CACHE, ToolFailed, install, install_readers, run_command, tool_key
 from benchmarks.scenes import Scene, select_scenes
 from benchmarks.views import View
@@ -61,11 +61,10 @@ Judge = tuple[Subject, list[View]]
 # Measuring
 
 
-def measure(scene: Scene, families: Sequence[str], few: bool, fresh: bool, missing: str | None) -> dict[str, Any]:
+def measure(scene: Scene, few: bool, fresh: bool, missing: str | None) -> dict[str, Any]:
     """Everything of one scene.
 
     Args:
-        families: formats, see `FAMILIES`.
         few: only some settings of SPZ.
         fresh: write cached files again.
         missing: why no rival can be written; None if all can.
@@ -75,8 +74,6 @@ def measure(scene: Scene, families: Sequence[str], few: bool, fresh: bool, missi
     source = source_ply(scene, original.placed)
     rivals, skipped = [], []
     for rival in list_formats(original.placed, few):
-        if rival.family not in families:
-            continue
         print(f"{scene.name}, {rival.name}", file=sys.stderr)
         try:
             if missing:
@@ -90,7 +87,7 @@ def measure(scene: Scene, families: Sequence[str], few: bool, fresh: bool, missi
         "count": len(original.placed),
         "sh_degree": original.placed.sh_degree,
         "source_bytes": scene.path.stat().st_size,
-        "rivals": rivals,
+        "rivals": sorted(rivals, key=lambda rival: int(rival["bytes"])),
         "skipped": skipped,
     }
 
@@ -259,21 +256,10 @@ def draw_plots(runs: Sequence[Run], keep: bool) -> None:
 # The command
 
 
-def merge(old: Run, new: Run, families: Sequence[str]) -> Run:
-    """New results of a scene, with the old ones of the formats that were not measured this time."""
-    both = {
-        part: [*(entry for entry in old.get(part, ()) if entry["family"] not in families), *new[part]]
-        for part in ("rivals", "skipped")
-    }
-    both["rivals"].sort(key=lambda rival: int(rival["bytes"]))
-    return {**old, **new, **both}
-
-
 def main() -> None:
     """The command line."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     add_arguments(parser)
-    parser.add_argument("--formats", nargs="+", choices=FAMILIES, default=FAMILIES)
     parser.add_argument("--fresh", action="store_true", help="write the rivals' files again and time it")
     parser.add_argument("--report", action="store_true", help="measure nothing, rewrite tables and plots")
     arguments = parser.parse_args()
@@ -284,8 +270,7 @@ def main() -> None:
     for note in filter(None, () if arguments.report else (missing, install_readers())):
         print(note, file=sys.stderr)
     for scene in () if arguments.report else select_scenes(names):
-        found = measure(scene, arguments.formats, short, arguments.fresh, missing)
-        results[scene.name] = merge(results.get(scene.name, {}), found, arguments.formats)
+        results[scene.name] = measure(scene, short, arguments.fresh, missing)
         save_results(NAME, results, keep, [scene.name])
     runs = join_quality([results[name] for name in SCENES if name in results])
     draw_plots(runs, keep)

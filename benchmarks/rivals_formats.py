@@ -22,9 +22,6 @@ from scarfmt.formats import load, spz
 from scarfmt.formats.source import Source
 from scarfmt.scene.gaussians import AnchorModel, GaussianScene
 
-FAMILIES = ("spz", "sog", "compressed-ply")
-"""The choices of --formats."""
-
 # SPZ: the farthest a coordinate can lie, and the largest log scale.
 _SPZ_REACH, _SPZ_LARGEST = 2047.0, 255 / 16 - 10
 # Positions of SPZ are multiples of 2^-12. The scene is enlarged so that so many of them make up the thickness of the
@@ -43,7 +40,7 @@ class Format:
 
     Attributes:
         name: as tables show it.
-        family: one of `FAMILIES`.
+        family: ``spz``, ``sog`` or ``compressed-ply``.
         suffix: of its files.
         command: how to write it, of the source as INRIA's PLY and of the path to write.
         scale: the scene is enlarged by this much before it is written; a power of two.
@@ -138,29 +135,21 @@ _GSPLY_READS = {".spz": "read_spz", ".sog": "sogread", ".ply": "plyread"}
 
 
 def measure_reading(path: Path, scale: float) -> dict[str, Any]:
-    """The faster of the two readers: ``seconds`` (the least of some runs), ``peak_bytes`` and ``reader``."""
+    """The faster of the readers that are here: ``seconds`` (the least of some runs), ``peak_bytes`` and ``reader``."""
+    readers = [OURS, *([GSPLY] if path.suffix in _GSPLY_READS and (PYTHON / "gsply").exists() else [])]
     job = {"job": "benchmarks.rivals_formats:read_job", "file": str(path), "scale": scale}
-    found = [{**child.run(child.ENVIRONMENT, **job, reader=reader), "reader": reader} for reader in list_readers(path)]
+    found = [{**child.run(child.ENVIRONMENT, **job, reader=reader), "reader": reader} for reader in readers]
     best = min(found, key=lambda report: float(report["seconds"]))
     return {key: best[key] for key in ("seconds", "peak_bytes", "reader")}
 
 
-def list_readers(path: Path) -> list[str]:
-    """The readers that exist here for a file."""
-    return [OURS, *([GSPLY] if path.suffix in _GSPLY_READS and (PYTHON / "gsply").exists() else [])]
-
-
 def read_job(job: dict[str, Any]) -> dict[str, Any]:
     """Job of `benchmarks.child`: time one reader; what it compiles at first use is not counted."""
-    return child.time_calls(make_reader(Path(job["file"]), job["scale"], job["reader"]))
-
-
-def make_reader(path: Path, scale: float, reader: str) -> Callable[[], object]:
-    """A function that reads a file once, by `OURS` or `GSPLY`."""
-    if reader == OURS:
-        return lambda: read(path, scale)
+    path = Path(job["file"])
+    if job["reader"] == OURS:
+        return child.time_calls(lambda: read(path, job["scale"]))
     sys.path.insert(0, str(PYTHON))
     gsply: Any = importlib.import_module("gsply")
     gsply.use_backend("auto")
     act = getattr(gsply, _GSPLY_READS[path.suffix])
-    return lambda: act(str(path))
+    return child.time_calls(lambda: act(str(path)))

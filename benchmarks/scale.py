@@ -4,7 +4,6 @@
     python -m benchmarks.scale --sections sizes             flowers in memory: about fifteen minutes
     python -m benchmarks.scale --sections ranges --gaussians 10000000 --workers 1 2
     python -m benchmarks.scale --short --no-write           the example scene and copies of it, printed
-    python -m benchmarks.scale --make city.ply --gaussians 50000000
 
 Scenes of `sizes` are the Gaussians nearest to the middle of one real scene. No real scene of the sizes of `ranges` is
 at hand: those are copies of one (`benchmarks.scene_copies`), encoded by `scarfmt encode --work`, then decoded. Every
@@ -287,15 +286,11 @@ def main() -> None:
     parser.add_argument("--workers", nargs="+", type=int, default=[1])
     parser.add_argument("--executor", nargs="+", choices=EXECUTORS, default=["processes"])
     parser.add_argument("--scratch", type=Path, default=SCRATCH / NAME, help="folder for large scenes and work")
-    parser.add_argument("--make", type=Path, metavar="FILE", help="only write a scene of --gaussians")
     parser.add_argument("--report", action="store_true", help="measure nothing, rewrite tables and plots")
     arguments = parser.parse_args()
     keep, short = not arguments.no_write, arguments.short
     name = SHORT_SCENE if short else SCENE
     sizes = arguments.gaussians or (SHORT_SIZES if short else SIZES)
-    if arguments.make:
-        write_copies(select_scenes([name])[0], sizes[0], arguments.make)
-        return
     results = load_results(NAME) if keep or arguments.report else {}
 
     def add(section: str, key: str, run: Run) -> None:

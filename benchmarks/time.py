@@ -1,33 +1,27 @@
-"""Time and memory: decoding by layers, encoding by effort, and the time to a picture against rivals.
+"""Time and memory: decoding by layers, encoding by effort.
 
     python -m benchmarks.time                              all sections, an hour or more
     python -m benchmarks.time --sections layers --scenes flowers
     python -m benchmarks.time --short --no-write           the example scene at effort 1, printed
     python -m benchmarks.time --report                     only rewrite tables and plots
 
-Every figure comes from a process of its own; what is compared takes turns. Rivals' settings are those that
-`benchmarks.rivals` found best, read from its results. Results are merged into benchmarks/results/time.json; tables and
-plots are in docs/costs.md.
+Every figure comes from a process of its own; what is compared takes turns. Results are merged into
+benchmarks/results/time.json; tables and plots are in docs/costs.md.
 """
 
 from __future__ import annotations
 
 import argparse
-import json
-import math
-import os
 import sys
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
-from functools import partial
+from collections.abc import Sequence
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
 from benchmarks import child
 from benchmarks.encode_cache import encode_scene
-from benchmarks.judge import interpolate_bytes, smallest
+from benchmarks.judge import interpolate_bytes
 from benchmarks.plots import line, new_plot, save_plot
 from benchmarks.quality import measure_layers
 from benchmarks.report import (
@@ -39,29 +33,13 @@ from benchmarks.report import (
     save_results,
     table,
 )
-from benchmarks.rivals import NAME as RIVALS
-from benchmarks.rivals import source_ply, write_rival
-from benchmarks.rivals_formats import Format, list_formats, list_readers, make_reader
-from benchmarks.rivals_tools import ToolFailed, install, install_readers, splat_transform
 from benchmarks.scenes import Scene, select_scenes
-from scarfmt.api import decode_scene
-from scarfmt.cli.scenes import load_subject
 
 NAME = "time"
 QUALITIES, EFFORT, ROUNDS = (41.0, 47.0), 1, 2
 SHORT_SCENES, SHORT_QUALITIES = ("plush-toys",), (45.0, 47.0)
 SCENES = ("plush-toys", "plush-on-bed", "flowers")
-PICTURE_QUALITIES = {"flowers": 41.0, "plush-dog": 41.0, "biker": 41.0}
-"""Qualities asked for, by scene, so that the judged views have about 41 dB: the encoder uses other views."""
 THREADS = (1, 2)
-FIRST, GOOD = GOALS = (25.0, 41.0)
-"""A first picture and a good one: mean PSNR over the judged views, dB."""
-FAMILIES = {"spz": "SPZ", "sog": "SOG", "compressed-ply": "compressed.ply"}
-SCAR = "scar"
-CORES = {"one": 1, "all": os.cpu_count() or 1}
-READ_RUNS, READ_SECONDS = 5, 3.0
-SLOW_SECONDS = 600.0
-"""A SOG that took longer to write is timed with one iteration of k-means: a file of the same size and structure."""
 
 Record = dict[str, Any]
 
@@ -164,191 +142,6 @@ def _mebibytes(size: float) -> str:
     return f"{size / 2**20:,.0f}"
 
 
-# The time to a picture
-
-
-@dataclass(frozen=True)
-class Way:
-    """A file, or some layers of one, that shows a picture of some quality.
-
-    Attributes:
-        family: `SCAR`, or one of `FAMILIES`.
-        name: as tables show it.
-        goal: one of `GOALS`, dB.
-        size: bytes that must arrive.
-        psnr_db: mean over the judged views.
-        file: what is read to time it.
-        layers: of a `.scar` file, how many; 0 for a rival.
-        scale: a rival's scene was enlarged by this much.
-        note: what a reader of the table should know.
-    """
-
-    family: str
-    name: str
-    goal: float
-    size: int
-    psnr_db: float
-    file: Path
-    layers: int = 0
-    scale: float = 1.0
-    note: str = ""
-
-    def record(self) -> Record:
-        """The record of a file in the results."""
-        facts = {"family": self.family, "name": self.name, "goal": self.goal, "bytes": self.size}
-        return {**facts, "psnr_db": self.psnr_db, "layers": self.layers, "note": self.note}
-
-    def jobs(self) -> Iterator[tuple[str, str, child.Job]]:
-        """(cores, reader, job) for each way to time it."""
-        for cores, count in CORES.items():
-            for reader in [SCAR] if self.layers else list_readers(self.file):
-                job = {"job": "benchmarks.time:read_job", "file": str(self.file), "reader": reader}
-                more = {"cores": count, "layers": self.layers, "scale": self.scale}
-                yield cores, reader, {**job, **more}
-
-
-def measure_picture(scene: Scene, short: bool) -> dict[str, Record]:
-    """All ways to a picture of a scene, timed in turn."""
-    quality, effort = (SHORT_QUALITIES[0], 1) if short else (PICTURE_QUALITIES[scene.name], EFFORT)
-    theirs, missing = ([], []) if short else _rival_ways(scene, load_results(RIVALS)[scene.name])
-    ways = [*_scar_ways(scene, quality, effort), *theirs]
-    times = _time_ways(ways, 1 if short else ROUNDS)
-    count = len(load_subject(str(scene.path)).placed)
-    facts = {"scene": scene.name, "note": scene.note, "count": count, "quality": quality, "effort": effort}
-    rows = [{**way.record(), "decode": _fastest(times[number])} for number, way in enumerate(ways)]
-    return {scene.name: {**facts, "ways": rows, "missing": missing}}
-
-
-def _scar_ways(scene: Scene, quality: float, effort: int) -> list[Way]:
-    """The first layers that reach each of `GOALS`, or all layers for the last."""
-    path = Path(encode_scene(scene, quality, effort)["path"])
-    layers = measure_layers(scene, path)["layers"]
-    first = next((number for number, it in enumerate(layers, 1) if it["psnr_db"] >= FIRST), len(layers))
-    found = []
-    for goal, number in zip(GOALS, (first, len(layers)), strict=True):
-        last = layers[number - 1]
-        short = f"{last['psnr_db']:.1f} dB, less than the {goal:g} dB of the others"
-        note = "" if last["psnr_db"] >= goal else short
-        found.append(Way(SCAR, ".scar", goal, last["bytes"], last["psnr_db"], path, number, note=note))
-    return found
-
-
-def _rival_ways(scene: Scene, judged: Record) -> tuple[list[Way], list[str]]:
-    """Of each family the smallest file that reaches each goal, and why others are missing."""
-    gaussians = load_subject(str(scene.path)).placed
-    source, known = source_ply(scene, gaussians), {each.name: each for each in list_formats(gaussians)}
-    found, missing = [], []
-    for family, name in FAMILIES.items():
-        mine = [rival for rival in judged["rivals"] if rival["family"] == family]
-        for goal in GOALS:
-            rival = smallest(mine, goal)
-            if rival is None:
-                missing.append(f"{scene.name}, {name}: no setting measured reaches {goal:g} dB")
-                continue
-            way, note = _timed_format(known[rival["name"]], rival)
-            try:
-                path, _ = write_rival(scene, source, way, False)
-            except ToolFailed as error:
-                missing.append(f"{scene.name}, {rival['name']}: {error}")
-                continue
-            facts = goal, rival["bytes"], rival["psnr_db"], path
-            found.append(Way(family, rival["name"], *facts, scale=way.scale, note=note))
-    return found, missing
-
-
-def _timed_format(way: Format, judged: Record) -> tuple[Format, str]:
-    """The format a rival is timed with, and a note: its own unless writing takes too long."""
-    if way.family != "sog" or judged["encode_seconds"] <= SLOW_SECONDS:
-        return way, ""
-    quick = replace(way, command=lambda source, out: splat_transform(str(source), "--sh-iterations", "1", str(out)))
-    return quick, "timed with a file of one iteration of k-means"
-
-
-def _time_ways(ways: Sequence[Way], rounds: int) -> dict[int, dict[str, dict[str, Record]]]:
-    """By number of a way, cores and reader: its times. A file that is read alike for two ways is timed once."""
-    named = [(number, cores, reader, job) for number, way in enumerate(ways) for cores, reader, job in way.jobs()]
-    jobs = {json.dumps(job): job for *_, job in named}
-    times = child.run_in_turns(jobs, rounds)
-    found: dict[int, dict[str, dict[str, Record]]] = {}
-    for number, cores, reader, job in named:
-        found.setdefault(number, {}).setdefault(cores, {})[reader] = times[json.dumps(job)]
-    return found
-
-
-def _fastest(times: Mapping[str, Mapping[str, Record]]) -> dict[str, Record]:
-    """By cores the times of the fastest reader, and which that is."""
-    found = {}
-    for cores, by_reader in times.items():
-        reader = min(by_reader, key=lambda name: float(by_reader[name]["min"]))
-        found[cores] = {**by_reader[reader], "reader": reader}
-    return found
-
-
-def read_job(job: Record) -> Record:
-    """Child job: time a reader on one core or all, after one read that is not counted."""
-    if job["cores"] == 1 and hasattr(os, "sched_setaffinity"):
-        # Whatever threads a reader starts share that core.
-        os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})
-    path = Path(job["file"])
-    if job["reader"] == SCAR:
-        act: Callable[[], object] = partial(decode_scene, path, threads=job["cores"], layers=job["layers"])
-    else:
-        act = make_reader(path, job["scale"], job["reader"])
-    act()
-    return child.time_calls(act, READ_RUNS, READ_SECONDS)
-
-
-def seconds_to_picture(way: Record, cores: str, mbit: float) -> float:
-    """Transfer, then decoding, the median of its runs: neither waits for parts of the other."""
-    return float(way["bytes"] * 8 / (mbit * 1e6) + way["decode"][cores]["median"])
-
-
-def bandwidths_won(mine: Record, other: Record, cores: str) -> tuple[float, float] | None:
-    """Between which bandwidths, Mbit/s, the picture of `mine` is there first; None if nowhere."""
-    megabits = (mine["bytes"] - other["bytes"]) * 8 / 1e6
-    seconds = mine["decode"][cores]["median"] - other["decode"][cores]["median"]
-    if megabits <= 0 and seconds <= 0:
-        return 0.0, math.inf
-    if megabits >= 0 and seconds >= 0:
-        return None
-    crossing = -megabits / seconds
-    return (0.0, crossing) if megabits < 0 else (crossing, math.inf)
-
-
-def format_span(span: tuple[float, float] | None) -> str:
-    """Bandwidths in words."""
-    if span is None:
-        return "nowhere"
-    low, high = span
-    if low == 0 and high == math.inf:
-        return "everywhere"
-    return f"below {high:,.0f}" if low == 0 else f"above {low:,.0f}"
-
-
-def make_picture_tables(records: Sequence[Record]) -> str:
-    """At which bandwidths `.scar` shows its picture first."""
-    head = ["scene", "picture", *(f"{name}, {cores}" for name in FAMILIES.values() for cores in CORES)]
-    rows = [
-        [record["scene"], f"{mine['goal']:g} dB", *_won_cells(record, mine)]
-        for record in records
-        for mine in record["ways"]
-        if mine["family"] == SCAR
-    ]
-    text = f"Bandwidths, Mbit/s, at which `.scar` shows the picture first:\n\n{table(head, rows, 2)}"
-    notes = {note for record in records for note in record["missing"]}
-    for record in records:
-        notes |= {f"{record['scene']}, {way['name']}: {way['note']}" for way in record["ways"] if way["note"]}
-    return "\n\n".join([text, *(f"{note}." for note in sorted(notes))])
-
-
-def _won_cells(record: Record, mine: Record) -> list[str]:
-    cells = []
-    for family in FAMILIES:
-        there = [way for way in record["ways"] if way["family"] == family and way["goal"] == mine["goal"]]
-        cells += [format_span(bandwidths_won(mine, there[0], cores)) if there else "" for cores in CORES]
-    return cells
-
-
 # The plot and the command
 
 
@@ -365,7 +158,6 @@ def draw_plot(records: Sequence[Record], keep: bool) -> None:
 SECTIONS = {
     "layers": (SCENES, measure_decoding, make_layers_table),
     "efforts": (SCENES, measure_efforts, make_efforts_table),
-    "picture": (tuple(PICTURE_QUALITIES), measure_picture, make_picture_tables),
 }
 """Parts of the page: scenes measured unless some are named, how one is measured, and what makes Markdown of records."""
 
@@ -389,9 +181,6 @@ def main() -> None:
     arguments = parser.parse_args()
     keep, short = not arguments.no_write, arguments.short
     results = load_results(NAME) if keep or arguments.report else {}
-    if not (short or arguments.report):
-        for note in filter(None, (install(), install_readers())):
-            print(note, file=sys.stderr)
     for name in [] if arguments.report else arguments.sections:
         scenes, measure_scene, _ = SECTIONS[name]
         for scene in select_scenes(arguments.scenes or (SHORT_SCENES if short else scenes)):

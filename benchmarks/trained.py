@@ -116,9 +116,9 @@ def measure_model(
     assert isinstance(model, GaussianScene)
     own = measure(model, scene.path.stat().st_size, capture.test, flip)
     yield Row("3DGS, .ply", "rival", 1, None, own)
-    missing = install() if arguments.formats else None
+    missing = install()
     for rival in list_formats(model, few=True):
-        if rival.family not in arguments.formats:
+        if rival.family not in FORMATS:
             continue
         try:
             if missing:
@@ -259,7 +259,6 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--model", nargs="+", default=[], metavar="[NAME=]FILE", help="files trained without rate")
     parser.add_argument("--post-hoc", nargs="+", default=[], metavar="[NAME=]FILE", help="files encoded from these")
     parser.add_argument("--ply", type=Path, help="a 3DGS model of the same photos, as INRIA's PLY")
-    parser.add_argument("--formats", nargs="*", choices=FORMATS, default=FORMATS, help="formats to store the PLY in")
     parser.add_argument("--qualities", nargs="*", type=float, default=QUALITIES, help="qualities to encode it at, dB")
     parser.add_argument("--picture", type=Path, help="only draw the layers of the first --scar beside a photo")
     parser.add_argument("--photo", type=int, default=0, help="number of that photo among those held out")

@@ -1,90 +1,20 @@
-"""Results: cached files are never stale, children report themselves, provenance covers every figure of every page."""
+"""Results: provenance covers every figure of every page, and the example scene is what it was."""
 
 from __future__ import annotations
 
 import json
-import os
-from collections.abc import Iterator
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import pytest
 
-from benchmarks import child, encode_cache, provenance, quality
+from benchmarks import provenance, quality
 from benchmarks.provenance import EVERYTHING, FIELD, MEASURED, Run, figures, group_runs, stamp, statement
 from benchmarks.report import COSTS_PAGE, RESULTS_PAGE, load_document, load_results
-from benchmarks.scenes import REPOSITORY, Scene
+from benchmarks.scenes import REPOSITORY
 
-FILES = sorted(path for folder in ("benchmarks", "fuzz") for path in (REPOSITORY / folder / "results").glob("*.json"))
+FILES = sorted((REPOSITORY / "benchmarks" / "results").glob("*.json"))
 MORE_BYTES, LESS_DB = 1.10, 0.5
-
-
-@pytest.fixture
-def scene(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Scene]:
-    """A scene, and an encoder whose whole source is one small file."""
-    for name in ("reference_encoder", "scarfmt/cli"):
-        (tmp_path / name).mkdir(parents=True)
-        (tmp_path / name / "it.py").write_text("1")
-    (tmp_path / "a.ply").write_text("splats")
-    monkeypatch.setattr(encode_cache, "REPOSITORY", tmp_path)
-    monkeypatch.setattr(encode_cache, "SCRATCH", tmp_path / "kept")
-    _forget()
-    yield Scene("a scene", tmp_path / "a.ply")
-    _forget()
-
-
-def _forget() -> None:
-    encode_cache.source_key.cache_clear()
-    encode_cache.file_key.cache_clear()
-
-
-def test_a_path_depends_on_everything_a_file_depends_on(scene: Scene, tmp_path: Path) -> None:
-    """Scene, quality, effort, cameras and the encoder's source; not the command line."""
-    (tmp_path / "cameras.json").write_text("[]")
-    other = replace(scene, known=tmp_path / "cameras.json")
-    ways = ((scene, 41.0, 2), (scene, 47.0, 2), (scene, 41.0, 1), (other, 41.0, 2))
-    paths = {encode_cache.encoded_path(*way) for way in ways}
-    assert len(paths) == 4
-    before = encode_cache.encoded_path(scene, 41.0, 2)
-    assert before in paths
-    for changed, stale in (("scarfmt/cli/it.py", False), ("reference_encoder/it.py", True)):
-        (tmp_path / changed).write_text("2")
-        _forget()
-        assert (encode_cache.encoded_path(scene, 41.0, 2) != before) == stale
-
-
-def test_a_file_is_encoded_once_and_again_without_its_note(scene: Scene, monkeypatch: pytest.MonkeyPatch) -> None:
-    jobs: list[dict[str, Any]] = []
-
-    def run(**job: Any) -> dict[str, Any]:
-        jobs.append(job)
-        Path(job["out"]).write_bytes(b"scar")
-        child.note_path(Path(job["out"])).write_text(json.dumps({"seconds": len(jobs), "bytes": 4}))
-        return {}
-
-    monkeypatch.setattr(child, "run", run)
-    first, second = (encode_cache.encode_scene(scene, 41.0, 2) for _ in range(2))
-    assert first == second == {"path": jobs[0]["out"], "seconds": 1, "bytes": 4}
-    child.note_path(Path(first["path"])).unlink()
-    assert encode_cache.encode_scene(scene, 41.0, 2)["seconds"] == 2
-
-
-def test_jobs_take_turns_in_processes_of_their_own() -> None:
-    """Least and median over all rounds; variables of a job win over those of all; runs stop by number or by time."""
-    jobs = {name: {"job": "tests.benchmarks.test_results:echo", "value": name} for name in ("one", "two")}
-    found = child.run_in_turns({**jobs, "two": {**jobs["two"], "environment": {"OMP_NUM_THREADS": "8"}}}, 1)
-    expected = {"value": "one", "threads": "1", "min": 3.0, "median": 4.0, "cpu": 1.0, "runs": 2, "peak_bytes": 0}
-    assert found["one"] | {"peak_bytes": 0} == expected
-    assert found["two"]["threads"] == "8"
-    assert found["one"]["peak_bytes"] > 1 << 20
-    assert [len(child.time_calls(lambda: None, 4, limit)["walls"]) for limit in (60.0, 0.0)] == [4, 1]
-
-
-def echo(job: dict[str, Any]) -> dict[str, Any]:
-    """The job that the test above gives to a child."""
-    print("something a library prints")
-    return {"value": job["value"], "threads": os.environ["OMP_NUM_THREADS"], "walls": [5.0, 3.0], "cpus": [1.0, 2.0]}
 
 
 def past_run(date: str, modified: bool | None = False, **machine: Any) -> Run:
