@@ -11,15 +11,14 @@ from hypothesis import strategies as st
 
 from fuzz.testing.scenes import random_scene
 from reference_decoder.decode import decode
-from reference_decoder.reconstruct import latents, positions
+from reference_decoder.reconstruct import positions
 from reference_decoder.region import tile_boxes
-from scarfmt.codecs.channels import cell_widths, channel_values, check_reach, in_binary32
+from scarfmt.codecs.channels import cell_widths, channel_values, in_binary32
 from scarfmt.coding.writer import write_scene
 from scarfmt.container.directory import Tile, tile_table
 from scarfmt.container.morton import interleave
-from scarfmt.errors import Malformed
 from scarfmt.scene.gaussians import GaussianScene
-from scarfmt.scene.model import Codebooks, Lattice
+from scarfmt.scene.model import Lattice
 from scarfmt.scene.rotation import axes_from, matrix_from_quaternion, quaternion_from
 
 TOLERANCE = 1e-5
@@ -32,11 +31,6 @@ def test_channel_value_rounds_quotient_product_and_result_once_each(value: int, 
     values = channel_values(np.array([[value]], np.int32), (step,), np.array([steps]))
     assert values.dtype == np.float32
     assert values[0, 0] == np.float32(product)
-
-
-def test_channel_without_steps_is_zero_and_each_component_has_its_own_step() -> None:
-    values = channel_values(np.array([[1, 1], [1, 1], [0, 0]], np.int32), (0.5, 3.0), np.array([1, 2, 0]))
-    np.testing.assert_array_equal(values, np.float32([[0.5, 3.0], [0.5 / 3, 1.0], [0, 0]]))
 
 
 def test_value_beyond_binary32_becomes_infinite_without_a_warning() -> None:
@@ -72,28 +66,6 @@ def test_position_is_the_formula_step_by_step(
     low_corner, high_corner = tile_boxes(lattice, tile_table([Tile(depth, shift, prefix)]))
     assert (low_corner[0] <= got[0]).all()
     assert (got[0] <= high_corner[0]).all()
-
-
-def test_residuals_beyond_one_cell_are_refused() -> None:
-    """An anchor would lie outside its tile."""
-    for value, fits in ((9, True), (-9, True), (10, False), (-18, False)):
-        arguments = np.array([[0, value, 0]], np.int32), (1.0,) * 3, np.array([3])
-        if fits:
-            check_reach(*arguments)
-        else:
-            with pytest.raises(Malformed) as caught:
-                check_reach(*arguments)
-            assert caught.value.refusal == "value-range"
-
-
-def test_latents_sum_only_the_stages_received_then_add_the_channel() -> None:
-    books = Codebooks(np.array([[1, 10], [2, 20]]), np.array([[100, -65536], [300, 65535]]))
-    indices = np.array([[1, 0, 1], [1, 1, 1], [0, 1, 1]], np.int16)
-    z = latents(books, indices, np.array([0, 1, 3]), None, 2)
-    np.testing.assert_array_equal(z, np.float32([[0, 0], [2, 20], [601, 131080]]))
-    refined = latents(books, indices, np.array([0, 1, 3]), np.full((3, 2), 0.25, np.float32), 2)
-    np.testing.assert_array_equal(refined, z + np.float32(0.25))
-    assert latents(None, indices, np.zeros(3, np.int64), None, 4).tolist() == [[0.0] * 4] * 3
 
 
 def test_float32_is_within_tolerance_of_float64() -> None:

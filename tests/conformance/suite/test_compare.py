@@ -12,9 +12,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import ArrayLike
-from scarfmt_conformance.compare import Difference, annotation_difference, differences, pinned_stages
+from scarfmt_conformance.compare import Difference, annotation_difference, differences
 
-from scarfmt.errors import InvalidInput
 from tests.conformance.suite.conftest import Json, array
 from tests.conformance.suite.test_protocol import JSON
 
@@ -50,12 +49,6 @@ def test_a_stage_claimed_must_be_answered(answered: Any) -> None:
     (found,) = differences("values", {"arrays": {"a": array()}}, answered, HERE)
     assert (found.stage, found.array) == ("values", "")
     assert ("is not in the answer" in found.message) == (answered is None)
-
-
-def test_stages_are_compared_in_the_order_of_decoding_if_claimed_and_pinned() -> None:
-    pinned = {"values": {"arrays": {"a": 1}}, "context": {"arrays": {}}, "container": {"container": {"header": {}}}}
-    assert pinned_stages(pinned, ["values", "context", "container", "models"]) == ["container", "values"]
-    assert pinned_stages(pinned, ["context"]) == []
 
 
 # ------------------------------------------------------------------------------------------------ container
@@ -161,16 +154,6 @@ def test_numbers_that_are_none(
 def test_answers_without_the_right_numbers_are_told_apart(tmp_path: Path, got: Json, message: str) -> None:
     (found,) = activated(tmp_path, [1.0, 2.0], got)
     assert message in found.message
-
-
-def test_a_damaged_reference_is_the_suites_fault(tmp_path: Path) -> None:
-    pinned = {"arrays": {"a": {"shape": [2], "reference": "b.bin", "magnitude": False}}}
-    answered = {"arrays": {"a": numbers([1.0, 2.0])}}
-    with pytest.raises(InvalidInput, match=r"b\.bin"):
-        differences("activated", pinned, answered, tmp_path)
-    (tmp_path / "b.bin").write_bytes(bytes(15))
-    with pytest.raises(InvalidInput, match="15 bytes"):
-        differences("activated", pinned, answered, tmp_path)
 
 
 @settings(deadline=None)
