@@ -6,18 +6,17 @@ import hashlib
 import json
 from typing import Any
 
-from conformance.decoders.python.answers import Answers
+from conformance.decoders.python.answers import EXACT, Answers, Array, pin
 from conformance.decoders.python.container import METADATA_KIND, blocks_of_kind, container_fields, profile_of
 from conformance.decoders.python.decoder import Decoder
 from conformance.decoders.python.front import Limits
 from conformance.decoders.python.streaming import read_streaming
 from conformance.expect.activated import Activated, activated
-from conformance.expect.expectations import Arrays, expected_layers, expected_metadata, expected_streaming
+from conformance.expect.expectations import Arrays, decoded_arrays, expected_metadata, expected_streaming, scene_arrays
 from conformance.expect.features import exercised, features_of
 from conformance.expect.places import interval, places
-from conformance.expect.stages import pinned, pinned_stages, traced_arrays
 from conformance.scenes.cases import Case
-from scarfmt.coding.writer import QuantisedScene
+from scarfmt.coding.writer import QuantisedScene, keep_layers
 from scarfmt.container.schema import Profile
 
 FORMAT = "scar-conformance 2"
@@ -25,6 +24,9 @@ BITSTREAM = "0.3"
 ACTIVATED_ANCHORS = 300
 ACTIVATED_SLOTS = 1500
 """Activated values are pinned up to so many anchors and slots: each takes up to a kilobyte."""
+
+_OF_THE_SCENE = ("models", "indices", "integers")
+"""Stages that the scene itself tells; the others follow from them."""
 
 Extra = dict[str, bytes]
 _ANY = Limits(False, *[1 << 53] * 10)
@@ -84,27 +86,24 @@ def _origin(case: Case) -> dict[str, Any]:
 
 def _decoded(case: Case, scene: QuantisedScene) -> tuple[dict[str, Any], Extra, set[str]]:
     """``layers`` and ``metadata``, the files of activated values, the features."""
-    decoder = Decoder(case.data, case.layers, _ANY)
-    answers = Answers(decoder)
-    states = [
-        {**arrays, **traced_arrays(trace)}
-        for arrays, trace in zip(expected_layers(scene)[: case.layers], decoder.traces, strict=True)
-    ]
-    _agree(case.id, answers, states[-1])
-    layers: list[dict[str, Any]] = [
-        {"layer": number, "anchors": len(arrays["code"]), "stages": pinned_stages(arrays)}
-        for number, arrays in enumerate(states, start=1)
-    ]
-    features = features_of(decoder, len(states[-1]["code"]))
+    decoders = [Decoder(case.data, k, _ANY) for k in range(1, (case.layers or len(scene.model.layers)) + 1)]
+    answers = [Answers(decoder) for decoder in decoders]
+    layers: list[dict[str, Any]] = []
+    for number, answer in enumerate(answers, start=1):
+        found = {stage: arrays for stage in EXACT if (arrays := answer.stage(stage))}
+        _agree(case.id, found, scene_arrays(keep_layers(scene, number)))
+        stages = {stage: {"arrays": arrays} for stage, arrays in found.items()}
+        layers.append({"layer": number, "anchors": answer.n, "stages": stages})
+    features = features_of(decoders[-1], answers[-1].n)
     if case.origin is not None:
         features.add("truncated")
     stages = layers[-1]["stages"]
     layers[-1]["stages"] = {"container": {"container": container_fields(case.data, _ANY)}, **stages}
     extra: Extra = {}
     camera: dict[str, Any] = {}
-    if vector_class(case.id) in ("valid", "edge") and _small(scene, states[-1]):
+    if vector_class(case.id) in ("valid", "edge") and _small(scene, answers[-1].n):
         camera = _camera(case, scene)
-        made, extra = _activated(activated(scene, states[-1], camera.get("camera")), len(states))
+        made, extra = _activated(activated(scene, decoded_arrays(answers[-1]), camera.get("camera")), len(layers))
         layers[-1]["stages"]["activated"] = made
         features |= _activated_features(features)
     return {**camera, "layers": layers, **_metadata(case), **_streaming(case)}, extra, features
@@ -117,15 +116,16 @@ def _camera(case: Case, scene: QuantisedScene) -> dict[str, Any]:
     return {"camera": list(case.camera or scene.fields.origin)}
 
 
-def _agree(id_: str, answers: Answers, arrays: Arrays) -> None:
-    for stage in ("models", "indices", "integers", "sums", "values"):
-        for name, array in answers.stage(stage).items():
-            if {key: pinned(arrays[name])[key] for key in array} != array:
-                raise RuntimeError(f"{id_}: the second decoder gets another {name} than the scene has")
+def _agree(id_: str, found: dict[str, dict[str, Any]], arrays: Arrays) -> None:
+    """Check that the readable decoder gets from the file what the scene holds."""
+    read = {name: row for stage in _OF_THE_SCENE for name, row in found.get(stage, {}).items()}
+    held = {name: pin(Array(array.dtype.str, array.shape, array.ravel().tolist())) for name, array in arrays.items()}
+    if read != held:
+        wrong = sorted(name for name in {*read, *held} if read.get(name) != held.get(name))
+        raise RuntimeError(f"{id_}: the readable decoder gets other {', '.join(wrong)} than the scene has")
 
 
-def _small(scene: QuantisedScene, arrays: Arrays) -> bool:
-    anchors = len(arrays["code"])
+def _small(scene: QuantisedScene, anchors: int) -> bool:
     return anchors <= ACTIVATED_ANCHORS and anchors * scene.model.slots <= ACTIVATED_SLOTS
 
 

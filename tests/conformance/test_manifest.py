@@ -11,8 +11,8 @@ import pytest
 from jsonschema import Draft202012Validator
 from scarfmt_conformance.archive import expectation, names, unpacked
 
+from conformance.decoders.python.answers import EXACT
 from conformance.expect.features import RULES
-from conformance.expect.stages import EXACT
 from conformance.generate import ROOT, generated, same, written
 
 

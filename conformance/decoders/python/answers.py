@@ -11,7 +11,7 @@ import struct
 import sys
 from collections.abc import Iterable, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from conformance.decoders.python.container import container_fields
 from conformance.decoders.python.decoder import Decoder
@@ -20,7 +20,15 @@ from conformance.decoders.python.metadata import read_metadata
 from conformance.decoders.python.streaming import read_streaming
 from conformance.decoders.python.tile import NAMES, Tile
 
-Array = dict[str, Any]
+
+class Array(NamedTuple):
+    """Numbers of a type, in C order."""
+
+    dtype: str
+    shape: Sequence[int]
+    values: list[Any]
+
+
 Arrays = dict[str, Array]
 
 EXACT = ("models", "context", "frequencies", "indices", "integers", "sums", "values")
@@ -39,11 +47,21 @@ _MAPPED = 1 << 24
 _CODES = {"<u4": "I", "<u8": "Q", "|u1": "B", "<u2": "H", "<i4": "i", "<f8": "d", "<f4": "f"}
 
 
-def pin(dtype: str, shape: Sequence[int], values: Iterable[Any]) -> Array:
-    """Type, shape and SHA-256 of numbers in C order."""
-    flat = list(values)
-    data = struct.pack(f"<{len(flat)}{_CODES[dtype]}", *flat)
-    return {"dtype": dtype, "shape": list(shape), "sha256": hashlib.sha256(data).hexdigest()}
+_FIRST = 8
+
+
+def array(dtype: str, shape: Sequence[int], values: Iterable[Any]) -> Array:
+    """An array of these numbers."""
+    return Array(dtype, shape, list(values))
+
+
+def pin(found: Array) -> dict[str, Any]:
+    """Type, shape, SHA-256 and the first numbers of an array."""
+    code = _CODES[found.dtype]
+    data = struct.pack(f"<{len(found.values)}{code}", *found.values)
+    first = struct.unpack_from(f"<{min(len(found.values), _FIRST)}{code}", data)
+    digest = hashlib.sha256(data).hexdigest()
+    return {"dtype": found.dtype, "shape": list(found.shape), "sha256": digest, "first": list(first)}
 
 
 def _flat(rows: Iterable[Iterable[Any]]) -> list[Any]:
@@ -59,16 +77,16 @@ class Answers:
         self.trace = decoder.traces[-1]
         self.n = sum(len(tile.code) for tile in self.tiles)
 
-    def stage(self, name: str) -> Arrays:
-        """The arrays of an exact stage, by name."""
+    def stage(self, name: str) -> dict[str, Any]:
+        """The arrays of an exact stage as they are answered, by name."""
         found: Arrays = getattr(self, name)()
-        return dict(sorted(found.items()))
+        return {name: pin(one) for name, one in sorted(found.items())}
 
     def models(self) -> Arrays:
         d = self.decoder
-        out = {f"codebook.{b}": pin("<i4", (len(book), len(book[0])), _flat(book)) for b, book in d.books.items()}
+        out = {f"codebook.{b}": array("<i4", (len(book), len(book[0])), _flat(book)) for b, book in d.books.items()}
         for number, (level, bits) in enumerate(d.grid.levels if d.grid else []):
-            out[f"grid.bits.{number}"] = pin("|u1", (level.entries, level.features), bits)
+            out[f"grid.bits.{number}"] = array("|u1", (level.entries, level.features), bits)
         return out
 
     def context(self) -> Arrays:
@@ -76,53 +94,54 @@ class Answers:
         if d.grid:
             places = [d.middle(i, code) for i, tile in enumerate(self.tiles) for code in tile.code]
             width = sum(level.features for level, _ in d.grid.levels)
-            out["grid.features"] = pin("<i4", (self.n, width), _flat(map(d.grid.features, places)))
+            out["grid.features"] = array("<i4", (self.n, width), _flat(map(d.grid.features, places)))
         embedded = self.trace.embedded
         if embedded:
-            out["embedding"] = pin("<i4", (len(embedded), len(embedded[0])), _flat(embedded))
+            out["embedding"] = array("<i4", (len(embedded), len(embedded[0])), _flat(embedded))
         for (stream, j, step), contexts in self.trace.contexts.items():
             if contexts:
-                out[f"context.{NAMES[stream]}.{j}.{step}"] = pin("<i4", (len(contexts),), contexts)
+                out[f"context.{NAMES[stream]}.{j}.{step}"] = array("<i4", (len(contexts),), contexts)
         return out
 
     def frequencies(self) -> Arrays:
-        return {f"frequencies.{name}": pin("<u4", (len(f),), f) for name, f in self.trace.frequencies.items()}
+        return {f"frequencies.{name}": array("<u4", (len(f),), f) for name, f in self.trace.frequencies.items()}
 
     def indices(self) -> Arrays:
         stages = max((stages for stages, _ in self.decoder.rows[-1].classes), default=0)
         rows = [row[1 : stages + 1] for tile in self.tiles for row in tile.index]
-        return {"index": pin("<u2", (self.n, stages), _flat(rows))}
+        return {"index": array("<u2", (self.n, stages), _flat(rows))}
 
     def integers(self) -> Arrays:
         out = {
-            "tile": pin("<u4", (self.n,), (number for number, tile in enumerate(self.tiles) for _ in tile.code)),
-            "code": pin("<u8", (self.n,), _flat(tile.code for tile in self.tiles)),
-            "class": pin("|u1", (self.n,), _flat(tile.klass for tile in self.tiles)),
+            "tile": array("<u4", (self.n,), (number for number, tile in enumerate(self.tiles) for _ in tile.code)),
+            "code": array("<u8", (self.n,), _flat(tile.code for tile in self.tiles)),
+            "class": array("|u1", (self.n,), _flat(tile.klass for tile in self.tiles)),
         }
         if self.decoder.profile:
             rows = [row for tile in self.tiles for row in tile.slot_layer]
-            out["slot_layer"] = pin("|u1", (self.n, self.decoder.slots), _flat(rows))
+            out["slot_layer"] = array("|u1", (self.n, self.decoder.slots), _flat(rows))
         for i, channel in enumerate(self.decoder.channels):
             rows = [row for _, row in self._rows(i)]
-            out[f"v.{NAMES[channel.stream]}"] = pin("<i4", self._shape(i), _flat(rows))
+            out[f"v.{NAMES[channel.stream]}"] = array("<i4", self._shape(i), _flat(rows))
         return out
 
     def sums(self) -> Arrays:
         d = self.decoder
         if not d.dimension:
             return {}
-        return {"codeword_sum": pin("<i4", (self.n, d.dimension), _flat(d.codeword_sum(*at) for at in self._anchors()))}
+        sums = _flat(d.codeword_sum(*at) for at in self._anchors())
+        return {"codeword_sum": array("<i4", (self.n, d.dimension), sums)}
 
     def values(self) -> Arrays:
         d = self.decoder
         places = _flat(d.positions(number, tile) for number, tile in enumerate(self.tiles))
-        out = {"position": pin("<f8", (self.n, 3), _flat(places))}
+        out = {"position": array("<f8", (self.n, 3), _flat(places))}
         for i, channel in enumerate(d.channels):
             if channel.stream != POSITION_RESIDUAL:
                 values = _flat(d.value(i, klass, row) for klass, row in self._rows(i))
-                out[f"value.{NAMES[channel.stream]}"] = pin("<f4", self._shape(i), values)
+                out[f"value.{NAMES[channel.stream]}"] = array("<f4", self._shape(i), values)
         if d.dimension:
-            out["latent"] = pin("<f4", (self.n, d.dimension), _flat(d.latent(*at) for at in self._anchors()))
+            out["latent"] = array("<f4", (self.n, d.dimension), _flat(d.latent(*at) for at in self._anchors()))
         return out
 
     def _anchors(self) -> list[tuple[Tile, int]]:
