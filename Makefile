@@ -13,7 +13,7 @@ export OPENBLAS_NUM_THREADS := 1
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test frozen weigh test-slow fuzz fuzz-guided sanitize lint types check wheel bench bench-full pictures
+.PHONY: help demo test frozen weigh test-slow fuzz sanitize lint types check wheel bench bench-full pictures
 .PHONY: dist dist-test first-hour portability web clean
 
 help:
@@ -50,10 +50,6 @@ test-slow: $(STAMP) ## the tests that take minutes
 
 fuzz: $(STAMP) ## damaged files through decode and validate, ten minutes
 	$(BIN)/python -m fuzz.campaign --count 100000000 --minutes 10 --jobs $(WORKERS) --seed $(or $(SEED),1)
-
-fuzz-guided: $(STAMP) ## coverage-guided fuzzing, ten minutes; installs atheris
-	$(BIN)/python -m pip install --quiet --editable ".[fuzz]"
-	$(BIN)/python -m fuzz.atheris_decode fuzz/corpus-guided -max_total_time=600
 
 sanitize: $(STAMP) ## the kernel under address and undefined-behaviour sanitizers, MINUTES=5 of damaged files
 	$(BIN)/python -m fuzz.sanitize --minutes $(or $(MINUTES),5) --seed $(or $(SEED),1)

@@ -4,7 +4,8 @@ Every vector is ``input.scar``, ``expect.json`` and, of small scenes, references
 class (:mod:`scarfmt_conformance.archive`).
 Valid files come from scenes made here; the readable decoder, which must get from them what the scenes hold, gives their
 expectations (:mod:`conformance.expect.document`), not a decoder of this package. An invalid file is a valid one with
-exactly one rule broken and every checksum right that is not itself the fault. ``manifest.json`` is written too. Running twice gives equal bytes.
+exactly one rule broken and every checksum right that is not itself the fault. ``manifest.json`` is written too. Running
+twice gives equal bytes.
 """
 
 from __future__ import annotations

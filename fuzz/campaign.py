@@ -4,7 +4,6 @@ Kinds:
     mutants: damaged files through decode, validate, dump and truncate.
     deep: sound files that say something else, all checksums right: most reach the decoder of symbols.
     bit-flips: single bits of sound files, each of which must be noticed.
-    blocks: changed blocks of sound files; the C library and NumPy must read them alike (:mod:`fuzz.engines`).
     importers: damaged scene files of other formats (:mod:`fuzz.importers`).
 
 A finding is any exception but a ScarError, a death of the process, more than 5 s of the processor or 512 MiB, or what
@@ -32,7 +31,7 @@ from pathlib import Path
 from types import FrameType
 from typing import Any
 
-from fuzz import engines, importers, inputs
+from fuzz import importers, inputs
 from fuzz.case import Case
 
 SECONDS = 5.0
@@ -44,7 +43,6 @@ HUNG = 60.0
 FINDINGS = Path(__file__).with_name("findings")
 KINDS: dict[str, Callable[[int, bool], Callable[[int], Case]]] = {
     **{kind: partial(inputs.prepare, kind) for kind in inputs.KINDS},
-    "blocks": lambda seed, _: engines.prepare(seed),
     "importers": lambda seed, _: importers.prepare(seed),
 }
 """By kind, what makes input n, given the seed and whether engines are compared."""

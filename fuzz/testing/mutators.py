@@ -82,8 +82,6 @@ ON_BYTES: set[str] = set()
 """Names of the operators after which a file can no longer be taken apart."""
 ON_BLOCKS: list[str] = []
 """Names of the operators whose files have right checksums, sizes and sums outside their TILE blocks."""
-ON_PAYLOADS: dict[int, list[Operator]] = {}
-"""Operators on the payload of one block, by its kind."""
 NOT_HERE = (LookupError, ValueError, OverflowError, struct.error, Refused, zstandard.ZstdError)
 """What an operator raises on bytes without the thing it works on."""
 
@@ -384,8 +382,6 @@ def _on_payload(*kinds: int) -> Callable[[Operator], Operator]:
             row = dice.choice([number for number, block in enumerate(blocks) if block.kind in kinds])
             blocks[row] = replace(blocks[row], payload=change(blocks[row].payload, dice) or b"\0")
 
-        for kind in kinds:
-            ON_PAYLOADS.setdefault(kind, []).append(change)
         on_list.__name__ = change.__name__
         _on_blocks(on_list)
         return change

@@ -16,16 +16,15 @@ from scarfmt_conformance.archive import names
 from scarfmt_conformance.reference import answers
 from scarfmt_conformance.reference.answers import CAPABILITIES, Manner, answer, session
 
-from fuzz.testing.neural_scenes import neural_scene
 from fuzz.testing.scenes import random_scene
 from scarfmt.coding.writer import write_scene
 from scarfmt.container.file import Container, Entry
-from scarfmt.container.schema import BlockKind, Profile
+from scarfmt.container.schema import BlockKind
 from scarfmt.container.source import BytesSource
 from scarfmt.errors import InvalidInput
 from tests.conformance.vector_files import vector_file
 
-WHOLE, RANGE = Manner(), Manner(tile_by_tile=True)
+WHOLE = Manner()
 Save = Callable[[bytes], str]
 
 
@@ -47,7 +46,7 @@ def vector(name: str) -> str:
 
 
 def stages(path: str, layers: int = 0, manner: Manner = WHOLE) -> dict[str, Any]:
-    found: dict[str, Any] = answer(path, layers, "all", manner)["stages"]
+    found: dict[str, Any] = answer(path, layers, "all", WHOLE)["stages"]
     return found
 
 
@@ -67,38 +66,21 @@ def test_answers_do_not_depend_on_the_byte_order_of_the_machine() -> None:
         assert answers.encoded(there) == answers.encoded(here)
 
 
-# ------------------------------------------------------------------------------------------------ ways to decode
-
-
-@pytest.mark.parametrize("seed", [15, 28])
-def test_threads_and_tiles_on_their_own_give_the_same(seed: int, save: Save) -> None:
-    """Observers see the same, too: their values are kept by tile, whichever thread decodes it."""
-    path = save(write_scene(neural_scene(seed, Profile(seed % 2), anchors=300, tiles=12)))
-    whole = stages(path)
-    assert any(name.startswith("context.") for name in whole["context"]["arrays"])
-    assert "embedding" in whole["context"]["arrays"]
-    assert stages(path, manner=RANGE) == whole
-
-
-# ------------------------------------------------------------------------------------------------ activated values
-
-
 # ------------------------------------------------------------------------------------------------ refusals
 
 
-@pytest.mark.parametrize("manner", [WHOLE, RANGE])
-def test_a_damaged_tile_refuses_the_whole_answer(manner: Manner, save: Save) -> None:
+def test_a_damaged_tile_refuses_the_whole_answer(save: Save) -> None:
     """An answer is refused only if it needs the damaged tile. No part of a refused decode is returned."""
     damaged = bytearray(write_scene(random_scene(3, anchors=200)))
     tile = tile_entries(bytes(damaged))[-1]
     damaged[tile.offset] ^= 1
     path = save(bytes(damaged))
-    refusal = answer(path, 0, "all", manner)
+    refusal = answer(path, 0, "all", WHOLE)
     assert refusal["refused"] == "crc-mismatch"
     assert refusal["offset"] == tile.offset
     assert set(refusal) == {"refused", "offset", "message"}
-    assert "stages" in answer(path, 0, "models", manner)
-    assert "stages" in answer(path, tile.layer - 1, "all", manner)
+    assert "stages" in answer(path, 0, "models", WHOLE)
+    assert "stages" in answer(path, tile.layer - 1, "all", WHOLE)
 
 
 def test_what_is_no_fault_of_the_file_is_no_answer(tmp_path: Path) -> None:
@@ -133,7 +115,7 @@ def run(*arguments: str) -> subprocess.CompletedProcess[str]:
 
 def test_the_program_ends_with_0_after_an_answer_only() -> None:
     """A refusal is an answer; a file that is not there is not."""
-    refused = run(vector("header-bit"), "--access", "range")
+    refused = run(vector("header-bit"))
     assert refused.returncode == 0
     assert json.loads(refused.stdout)["refused"] == "header-crc-mismatch"
     missing = run("none.scar")

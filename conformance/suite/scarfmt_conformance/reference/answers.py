@@ -46,14 +46,10 @@ class Manner:
 
     Attributes:
         native: also decode with the C library, which must give the same values.
-        tile_by_tile: every tile read and decoded on its own, by ranges, not all in one go.
-        single: activated values in binary32, as a decode gives them, not in binary64.
         camera: centre of the camera, world units, for Gaussians of the anchor profile; None: `origin` of the header.
     """
 
     native: bool = False
-    tile_by_tile: bool = False
-    single: bool = False
     camera: tuple[float, ...] | None = None
 
 
@@ -92,9 +88,12 @@ def _stages(reader: SceneReader, layers: int, stage: str, manner: Manner) -> Ite
 
     ``all`` leaves out annotations: a decode must not look at them (SPEC §7.10, §7.13).
     """
+    import numpy as np
+
     from scarfmt.blocks.streaming import read_streaming
     from scarfmt.tools.inspection import read_metadata
     from scarfmt_conformance.reference import stages as of
+    from scarfmt_conformance.reference.activated import activated_arrays
 
     if stage == METADATA:
         yield stage, {stage: read_metadata(reader.container)}
@@ -112,14 +111,14 @@ def _stages(reader: SceneReader, layers: int, stage: str, manner: Manner) -> Ite
         yield "models", hashed(of.models(models))
     if wanted == ("models",):
         return
-    found = of.decoding(reader, models, manner.tile_by_tile)
+    found = of.decoding(reader, models)
     if manner.native:
         of.check_native(found)
     for name, arrays in of.EXACT.items():
         if name in wanted:
             yield name, hashed(arrays(found))
     if "activated" in wanted:
-        yield "activated", encoded(of.activated(found, manner.single, manner.camera))
+        yield "activated", encoded(activated_arrays(found.decoded, np.float64, manner.camera))
 
 
 def _little(array: NDArray[Any]) -> NDArray[Any]:
@@ -183,10 +182,6 @@ def _arguments(arguments: list[str] | None) -> argparse.Namespace:
     parser.add_argument("--camera", type=_camera, help="X,Y,Z of the camera [default: the origin in the header]")
     parser.add_argument("--stage", default="all", choices=("all", "capabilities", *STAGES), help="what to answer")
     parser.add_argument("--native", action="store_true", help="also compare with the C library")
-    parser.add_argument("--access", default="whole", choices=("whole", "range"), help="decode all at once, or by tile")
-    parser.add_argument(
-        "--precision", default="double", choices=("single", "double"), help="of activated values (default: double)"
-    )
     parsed = parser.parse_args(arguments)
     if parsed.session == (parsed.file is not None):
         parser.error("give either a file or --session")
@@ -198,7 +193,7 @@ def main(arguments: list[str] | None = None) -> None:
     parsed = _arguments(arguments)
     # Before numpy is imported: products this small are slower with threads.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-    manner = Manner(parsed.native, parsed.access == "range", parsed.precision == "single", parsed.camera)
+    manner = Manner(parsed.native, parsed.camera)
     if parsed.session:
         session(sys.stdin, sys.stdout, manner)
     else:

@@ -6,7 +6,7 @@ conformance/PROTOCOL.md says what each holds; its table is the order of the func
 from __future__ import annotations
 
 import struct
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -32,7 +32,6 @@ from scarfmt.container.schema import (
     field_table,
 )
 from scarfmt.neural.layer_context import cell_centres
-from scarfmt_conformance.reference.activated import activated_arrays
 from scarfmt_conformance.reference.observed import Records
 
 Arrays = dict[str, NDArray[Any]]
@@ -87,23 +86,14 @@ def _single_bits(numbers: NDArray[np.floating]) -> list[str]:
     return [f"{bits:08x}" for bits in numbers.astype(np.float32).view(np.uint32).tolist()]
 
 
-def decoding(reader: SceneReader, models: SceneModels, tile_by_tile: bool) -> Decoding:
-    """Decode all tiles.
-
-    Args:
-        reader: of the file.
-        models: from it; they fix the layer.
-        tile_by_tile: read and decode each tile on its own, as a viewer that wants only that one would.
+def decoding(reader: SceneReader, models: SceneModels) -> Decoding:
+    """Decode all tiles to the layer that `models`, of the file, fix.
 
     Raises:
         Malformed, Truncated, Unsupported, LimitExceeded: the file is refused (SPEC §12).
     """
     records = Records(len(models.model.layers))
-    numbers = range(reader.header.tile_count)
-    if tile_by_tile:
-        found = [pair for number in numbers for pair in reader.tiles(models, [number], observe=records.observe)]
-    else:
-        found = list(reader.tiles(models, observe=records.observe))
+    found = reader.tiles(models, observe=records.observe)
     return Decoding(reader, models, [content for _, content in found], records)
 
 
@@ -226,11 +216,6 @@ def values(found: Decoding) -> Arrays:
     if found.models.decoder is not None:
         out["latent"] = decoded.latents.astype("f4")
     return out
-
-
-def activated(found: Decoding, single: bool, camera: Sequence[float] | None = None) -> Arrays:
-    """Gaussians, or features and the Gaussians of every slot for a camera; binary32 if `single`, else binary64."""
-    return activated_arrays(found.decoded, np.float32 if single else np.float64, camera)
 
 
 EXACT: dict[str, Callable[[Decoding], Arrays]] = {
