@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
 from conformance.scenes.cases import Fault
-from conformance.surgery.edit import Changes, append, cut, edited, further, splice
+from conformance.surgery.edit import Changes, append, cut, edited, further, replaced, splice
 from conformance.surgery.files import block_of, blocks_of, changed, copied, rebuilt, without
 from conformance.writer.fields import rice, shifted, varint
 from conformance.writer.networks import network_block
@@ -241,7 +242,7 @@ _COUNTS = {
 def _limit_faults(flat: bytes) -> Iterator[Fault]:
     """Counts above their limits; each is refused before anything that follows it is looked at."""
     for place, (name, limit) in enumerate(_COUNTS.items()):
-        data = changed(flat, _NETWORK, 1, lambda p, at=place, n=limit + 1: _with_count(p, at, n))  # type: ignore[misc]
+        data = changed(flat, _NETWORK, 1, partial(_with_count, place=place, value=limit + 1))
         yield f"network-many-{name.replace('_', '-')}", f"{name} is {limit + 1}", *_LIMIT, data
     network = _network_of(flat)
     whole, one = network_block(network), network_block(replace(network, heads=network.heads[:1]))
@@ -251,7 +252,7 @@ def _limit_faults(flat: bytes) -> Iterator[Fault]:
         ("clusters-257", "257 clusters", varint(12) + varint(257)),
         ("cluster-4097", "a cluster of 4097 codewords", bytes([12, 1]) + varint(4097)),
     ):
-        yield name, what, *_LIMIT, changed(flat, _NETWORK, 1, lambda _, new=new: before + new)  # type: ignore[misc]
+        yield name, what, *_LIMIT, changed(flat, _NETWORK, 1, replaced(before + new))
 
 
 def _with_count(payload: bytes, place: int, value: int) -> bytes:

@@ -9,7 +9,7 @@ import numpy as np
 
 from conformance.scenes.cases import Fault
 from conformance.scenes.made import Plan, build, channel
-from conformance.surgery.edit import Changes, append, cut, edited, further, splice
+from conformance.surgery.edit import Changes, append, cut, edited, further, replaced, splice
 from conformance.surgery.files import block_of, blocks_of, changed, rebuilt, vector_file, without
 from conformance.writer.fields import varint
 from conformance.writer.networks import predictors_block
@@ -98,7 +98,7 @@ def _order_faults(base: bytes, edge: bytes) -> Iterator[Fault]:
     for name, changes in (("step-zero", {"step": 0}), ("buckets", {"buckets": (129, 2)})):
         first = edited(unpack_predictors(block_of(base, _PREDICTORS).payload)[0], changes)
         yield (f"predictor-{name}-cut", "a record that breaks R-10.3-2, and ends early", *_SHORT,
-               changed(base, _PREDICTORS, 1, lambda _, first=first: predictors_block((first,))[:-1]))  # type: ignore[misc]
+               changed(base, _PREDICTORS, 1, replaced(predictors_block((first,))[:-1])))
     long = changed(_edited(edge, {"0.output.biases.0": further}), _PREDICTORS, 1, append())
     yield ("predictor-reach-long", "an accumulator that can reach 2^24, and a byte after the last record", *_ROWS, long)
 

@@ -13,6 +13,7 @@ from conformance.faults.table_records import Record, Records, number, rans_words
 from conformance.scenes.cases import Case, Fault, refused
 from conformance.scenes.made import Plan, build, channel
 from conformance.scenes.neural_models import PredictorPlan
+from conformance.surgery.edit import replaced
 from conformance.surgery.files import blocks_of, layer_counts_of, rebuilt, tile_parts, vector_file
 from conformance.surgery.parts import flipped
 from scarfmt.coding.writer import QuantisedScene
@@ -305,7 +306,7 @@ def _rest_faults(full: bytes) -> Iterator[Fault]:
     for name, low in (("split-rest", 4095), ("split-rest-edge", 1)):
         rest = rans_words([uniform(2, 1), uniform(4096, low)])
         yield (name, f"a rest of {4096 + low} in a bin 4097 wide", *_SPLIT,
-               _with_part(one_bin, 1, Stream.POSITIONS, lambda _, rest=rest: rest))  # type: ignore[misc]
+               _with_part(one_bin, 1, Stream.POSITIONS, replaced(rest)))
 
 
 def _masks_of_two(records: Records) -> Records:

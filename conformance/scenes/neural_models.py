@@ -6,6 +6,7 @@ They are valid and lively: shifts are chosen, in integers, so that activations a
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -89,8 +90,15 @@ class GridPlan:
     levels: tuple[GridLevel, ...]
 
 
+class Numbers(Protocol):
+    """Random integers: of a :class:`Prng`, or of NumPy's generators."""
+
+    def integers(self, low: int, past: int, shape: Any, /) -> I64:
+        """Numbers of low..past - 1."""
+
+
 class _Maker:
-    def __init__(self, prng: Prng, amax: int, *, wide: bool, edge: bool) -> None:
+    def __init__(self, prng: Numbers, amax: int, *, wide: bool, edge: bool) -> None:
         self.prng, self.amax, self.edge = prng, amax, edge
         self.top = 2000 if wide else 127
 
@@ -159,21 +167,28 @@ def random_network(
     prng: Prng, plan: NetworkPlan, model: SceneModel, books: Codebooks, grid: HashGrid | None
 ) -> IndexNetwork:
     """The index network of a plan, for a scene."""
-    make = _Maker(prng, amplitude(plan.bits), wide=plan.wide, edge=plan.edge)
-    first, hidden, mixed = plan.widths
     attributes = sum(model.channels[index].components for index in model.attributes)
     features = grid.width if grid is not None else 0
     inputs = Inputs(
         plan.classes, plan.own, attributes, len(model.context.occupancies), plan.latents, plan.latent_shift, features
     )
+    tokens = model.max_stages - 1 if plan.tokens is None else plan.tokens
+    return network_of(prng, plan, inputs, books, tokens)
+
+
+def network_of(
+    prng: Numbers, plan: NetworkPlan, inputs: Inputs, books: Codebooks, tokens: int, codeword_shift: int = 1
+) -> IndexNetwork:
+    """An index network with these inputs, and biases for so many stages after the first."""
+    make = _Maker(prng, amplitude(plan.bits), wide=plan.wide, edge=plan.edge)
+    first, hidden, mixed = plan.widths
     words = [book for book in (books.coarse, books.residual) if len(book)]
     columns = plan.dims + 1
-    tokens = model.max_stages - 1 if plan.tokens is None else plan.tokens
     network = IndexNetwork(
         activation_bits=plan.bits,
         inputs=inputs,
         codeword_dims=plan.dims,
-        codeword_shift=1,
+        codeword_shift=codeword_shift,
         embed=(
             make.linear(first, inputs.width, plan.loudness * make.amax // 2),
             make.linear(hidden, first, make.amax // 2),

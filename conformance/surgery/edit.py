@@ -51,6 +51,11 @@ def splice(at: int, new: bytes, length: int = 1) -> Callable[[bytes], bytes]:
     return lambda data: data[:at] + new + data[len(data[:at]) + length :]
 
 
+def replaced(new: bytes) -> Callable[[bytes], bytes]:
+    """A change of bytes: other ones in their place."""
+    return lambda _: new
+
+
 def append(tail: bytes = b"\0") -> Callable[[bytes], bytes]:
     """A change of bytes: some more at their end."""
     return lambda data: data + tail

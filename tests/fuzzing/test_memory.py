@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import random
 import signal
 import struct
@@ -157,15 +156,3 @@ def test_killed_truncations_leave_the_old_file_or_the_new(tmp_path: Path, times:
     old = b"old"
     target.write_bytes(old)
     _interrupted(command, target, {old, new}, times, 1.2 * longest)
-
-
-@pytest.mark.slow
-def test_killed_encodings_leave_the_old_file_or_the_new(tmp_path: Path) -> None:
-    """An encoding that is killed leaves the old file or the new one; of all commands it takes longest."""
-    scene = Path(__file__).resolve().parents[2] / "examples" / "plush-toys.ply"
-    target = tmp_path / "scene.scar"
-    command = [sys.executable, "-m", "scarfmt", "encode", str(scene), str(target), "--effort", "1", "--force"]
-    longest = _length_of_a_run(command)
-    new = target.read_bytes()
-    target.write_bytes(b"old")
-    _interrupted(command, target, {b"old", new}, int(os.environ.get("SCARFMT_KILLS", "20")), 1.1 * longest)

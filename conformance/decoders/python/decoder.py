@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 from conformance.decoders.python.arithmetic import Matrix, Vector
 from conformance.decoders.python.context import Context, fine
 from conformance.decoders.python.fields import INDICES, LATENT, MASKS, OFFSETS, Payload, Rans, key, require
@@ -15,7 +17,7 @@ from conformance.decoders.python.front import (
 )
 from conformance.decoders.python.hash_grid import Grid, parse_grid
 from conformance.decoders.python.index_network import Network, check_network, parse_network
-from conformance.decoders.python.models import has_latents, parse_networks
+from conformance.decoders.python.models import Row, has_latents, parse_networks
 from conformance.decoders.python.neural_indices import IndexReader
 from conformance.decoders.python.predictors import (
     ATTRIBUTES,
@@ -33,6 +35,16 @@ Around = dict[int, tuple[Matrix, Vector]]
 """Cell means and count features of anchors."""
 
 
+def has_stages(row: Row, number: int) -> bool:
+    """Whether a class has so many stages in a layer."""
+    return max(stages for stages, _ in row.classes) >= number
+
+
+def has_step(row: Row, i: int, step: int) -> bool:
+    """Whether a class has a step of channel i in a layer."""
+    return any(steps[i] >= step for _, steps in row.classes)
+
+
 class Decoder(StaticDecoder):
     """A file's first layers (SPEC §4, steps 1 to 11)."""
 
@@ -44,7 +56,7 @@ class Decoder(StaticDecoder):
         self.grid: Grid | None = None
         latents = self.first_layer(lambda row: has_latents(row, self.channels))
         neural = self.first_layer(lambda row: row.mode == 1)
-        first = [self.first_layer(lambda row, m=m: max(s for s, _ in row.classes) >= m) for m in (1, 2)]  # type: ignore[misc]
+        first = [self.first_layer(partial(has_stages, number=number)) for number in (1, 2)]
         allowed = {CODEBOOKS: first, DECODER_MLP: [latents], SCENE_MLP: [int(self.profile == 1)]}
         allowed |= {HASH_GRID: [neural], ENTROPY_NETWORK: [neural]}
         for k in range(1, self.k + 1):
@@ -101,8 +113,7 @@ class Decoder(StaticDecoder):
             i = next((i for i, channel in enumerate(self.channels) if channel.stream == stream), None)
             require(i is not None and component < components[stream], "bad-predictor")
             assert i is not None
-            first = self.first_layer(lambda row, i=i, step=step: any(n[i] >= step for _, n in row.classes))  # type: ignore[misc]
-            require(first == k, "bad-predictor")
+            require(self.first_layer(partial(has_step, i=i, step=step)) == k, "bad-predictor")
         check_predictors(added, components, len(self.opening.targets))
         self.predictors.append({**before, **added})
 

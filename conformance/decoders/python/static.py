@@ -9,6 +9,7 @@ from __future__ import annotations
 import struct
 import zlib
 from collections.abc import Callable
+from functools import partial
 
 from conformance.decoders.python.fields import (
     CLASSES,
@@ -186,7 +187,7 @@ class StaticDecoder:
             read(MASKS, lambda rans: self.read_masks(rans, tile, k))
         self.begin(tile, number)
         for i, channel in enumerate(self.channels):
-            read(channel.stream, lambda rans, i=i: self.read_channel(rans, tile, k, i))  # type: ignore[misc]
+            read(channel.stream, partial(self.read_channel, tile=tile, k=k, i=i))
             if channel.stream == POSITION_RESIDUAL:
                 self._check_residuals(tile, k, i)
         read(INDICES, lambda rans: self.read_indices(rans, tile, k, number))

@@ -32,12 +32,6 @@ def rules_of_the_front() -> set[str]:
     return out
 
 
-def test_lines_are_numbered_from_one_in_each_list() -> None:
-    for list_ in range(4, 9):
-        numbers = {line for this, line, _, _ in lines() if this == list_}
-        assert numbers == set(range(1, len(numbers) + 1)), list_
-
-
 def test_a_line_names_ids_that_its_rules_print() -> None:
     for list_, line, cited, ids in lines():
         printed = {id_ for rule in cited for id_ in rules()[rule].refusals}

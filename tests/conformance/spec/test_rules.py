@@ -3,16 +3,12 @@
 from __future__ import annotations
 
 import re
-from dataclasses import replace
-
-import pytest
 
 from conformance.expect.json_text import json_text
-from conformance.spec.rules import RULES, Vector, coverage, faults, unruled, vectors
+from conformance.spec.rules import RULES, coverage, faults, vectors
 from conformance.spec.spec_text import RULE_ID, checks, defined, refusal_classes, rules, text
 
 KNOWN = vectors()
-UNLIKELY = Vector("invalid/unlikely", frozenset({"R-5.2-5"}), frozenset({"bad-reserved"}), "refused")
 
 
 def test_every_rule_and_refusal_id_is_covered() -> None:
@@ -45,26 +41,3 @@ def test_a_check_and_its_rule_name_the_same_ids() -> None:
     """Where a rule stands in a list, too."""
     for rule, lines in checks(text()).items():
         assert {id_ for _, ids in lines for id_ in ids} <= set(rules()[rule].refusals), rule
-
-
-@pytest.mark.parametrize(
-    ("vector", "words"),
-    [
-        (replace(UNLIKELY, rules=frozenset({"R-99.1-1"})), "SPEC.md lacks"),
-        (replace(UNLIKELY, refusals=frozenset({"bad-weather"})), "SPEC.md lacks"),
-        (replace(UNLIKELY, refusals=frozenset({"bad-zstd"})), "none of its rules prints"),
-        (replace(UNLIKELY, rules=frozenset(), refusals=frozenset(), result="decoded"), "names no rule"),
-    ],
-)
-def test_a_wrong_vector_is_told(vector: Vector, words: str) -> None:
-    assert any(vector.id in line and words in line for line in faults([*KNOWN, vector]))
-
-
-def test_a_rule_that_loses_its_only_vectors_is_told() -> None:
-    rest = [vector for vector in KNOWN if "R-5.5-4" not in vector.rules]
-    assert {"R-5.5-4 has neither vector nor test", "R-5.5-4 has no vector refused as tile-shift"} <= set(faults(rest))
-
-
-def test_a_must_outside_the_rules_is_told() -> None:
-    """Nobody may be obliged by a sentence that no vector can name."""
-    assert unruled(text() + "\n\nA reader MUST whistle.\n") == ["A reader MUST whistle."]

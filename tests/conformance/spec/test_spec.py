@@ -67,20 +67,6 @@ def test_refusals_of_the_code_are_specified_and_vice_versa() -> None:
             assert specified.get(refusal) == error.removesuffix("Exceeded").lower(), refusal
 
 
-def test_sections_that_the_texts_cite_exist() -> None:
-    for number in set(re.findall(r"§([A-C]\b|\d+(?:\.\d+)?)", TEXT)):
-        section(number)
-
-
-def test_block_quotes_are_informative() -> None:
-    """They define no rule and oblige nobody."""
-    quotes = re.findall(r"^> (?:.*\n?> ?)*.*$", TEXT, re.MULTILINE)
-    assert len(quotes) > 15
-    for quote in quotes:
-        assert re.match(r"> \*\*(Why|Example|Note)\.\*\* ", quote), quote
-        assert not re.search(r"\*\*R-|\bMUST\b|\bSHOULD\b|\bMAY\b", quote), quote
-
-
 def test_limits_are_the_codes() -> None:
     printed = {row[0].strip("`"): int(row[1]) for row in rows(section("13.2"))}
     assert printed == dataclasses.asdict(limits.DEFAULT_LIMITS)

@@ -27,12 +27,6 @@ def test_the_suite_is_found_where_one_stands(
     assert find_suite(None) == elsewhere / "conformance"
 
 
-def test_no_suite_is_an_error_that_says_what_to_do(tmp_path: Path) -> None:
-    with pytest.raises(InvalidInput, match="--suite") as caught:
-        find_suite(str(tmp_path))
-    assert caught.value.refusal == "input-suite"
-
-
 @pytest.mark.parametrize(
     "change",
     [
@@ -126,11 +120,3 @@ def test_vectors_are_selected_by_id_class_and_features(
     suite.decoded("valid/b", features=["one", "two"])
     suite.refused("invalid/a")
     assert [vector.id for vector in selection.of(suite.load().vectors)] == ids
-
-
-def test_selecting_nothing_is_an_error(suite: SuiteWriter) -> None:
-    """A check that checks nothing must not pass."""
-    suite.decoded("valid/a")
-    with pytest.raises(InvalidInput) as caught:
-        Selection(only=("nothing",)).of(suite.load().vectors)
-    assert caught.value.refusal == "input-options"

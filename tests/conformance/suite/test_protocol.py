@@ -7,8 +7,6 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 from scarfmt_conformance.protocol import (
     Capabilities,
     Fault,
@@ -18,18 +16,10 @@ from scarfmt_conformance.protocol import (
     command,
     filled,
     parse,
-    printable,
     template,
 )
 
 from scarfmt.errors import InvalidInput
-
-JSON = st.recursive(
-    st.none() | st.booleans() | st.integers() | st.floats() | st.text(),
-    lambda inner: st.lists(inner, max_size=3) | st.dictionaries(st.text(max_size=8), inner, max_size=3),
-    max_leaves=8,
-)
-KEYS = st.sampled_from(["stages", "refused", "offset", "message", "capabilities", "protocol", "decoder", "versions"])
 
 
 def test_a_command_is_split_as_a_shell_would_and_filled_without_one() -> None:
@@ -116,20 +106,3 @@ def test_other_output_is_a_fault_that_says_why(data: bytes, reason: str) -> None
     answer = parse(data)
     assert isinstance(answer, Fault)
     assert (answer.kind, reason in answer.message) == ("answer", True)
-
-
-@given(st.dictionaries(KEYS, JSON, min_size=1), st.dictionaries(KEYS, JSON))
-def test_no_object_breaks_the_parser(value: dict[str, Any], claimed: dict[str, Any]) -> None:
-    """Any object can be parsed, and the texts taken from it can be printed and written as XML."""
-    for found in (value, {**value, "capabilities": {"protocol": "scar-conformance 2", **claimed}}):
-        answer = parse(json.dumps(found).encode())
-        texts = [getattr(answer, name, "") for name in ("id", "message", "decoder")]
-        assert all(text.isprintable() for text in texts)
-
-
-@given(st.text(), st.integers(0, 50), st.booleans())
-def test_printable_text_is_harmless_and_short(text: str, limit: int, lines: bool) -> None:
-    shown = printable(text, limit, lines)
-    assert len(shown) <= limit + 3
-    assert all(c.isprintable() or (lines and c == "\n") for c in shown)
-    assert shown.encode().decode() == shown
