@@ -99,7 +99,6 @@ def build(
 
 
 SCALE = (Stream.SCALE, 3)
-WIDE = (SCALE, (Stream.LATENT, 64))
 
 
 def _mlp(*widths: int) -> bytes:
@@ -290,23 +289,19 @@ def measure(path: Path) -> None:
 def main() -> None:
     """Command line."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--only", help="only bombs whose name contains this text")
     parser.add_argument("--measure", type=Path, help=argparse.SUPPRESS)
-    parser.add_argument("--keep", type=Path, help="folder to write the files to")
     arguments = parser.parse_args()
     if arguments.measure is not None:
         measure(arguments.measure)
         return
-    folder = arguments.keep or Path("build/bombs")
+    folder = Path("build/bombs")
     folder.mkdir(parents=True, exist_ok=True)
     for name, make in BOMBS.items():
-        if arguments.only is None or arguments.only in name:
-            data = make()
-            path = folder / f"{name.replace(' ', '-').replace(',', '')}.scar"
-            path.write_bytes(data)
-            print(f"{name}: {len(data):,} bytes", flush=True)
-            command = [sys.executable, "-m", "fuzz.bombs", "--measure", str(path)]
-            subprocess.run(command, preexec_fn=_limit_time, check=False)
+        path = folder / f"{name.replace(' ', '-').replace(',', '')}.scar"
+        path.write_bytes(make())
+        print(f"{name}: {path.stat().st_size:,} bytes", flush=True)
+        command = [sys.executable, "-m", "fuzz.bombs", "--measure", str(path)]
+        subprocess.run(command, preexec_fn=_limit_time, check=False)
 
 
 if __name__ == "__main__":

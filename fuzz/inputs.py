@@ -10,7 +10,7 @@ from random import Random
 from fuzz.case import Case
 from fuzz.corpus import Seed, corpus
 from fuzz.target import decoded, decoded_by, dumped, truncated, validated
-from fuzz.testing.mutators import Mutant, mutate, mutate_blocks
+from fuzz.testing.mutators import Dice, Mutant, apply, mutate, mutate_blocks
 
 _TRUNCATE_EVERY = 8
 
@@ -30,16 +30,8 @@ class Input:
 
 
 def flip_bit(data: bytes, seed: int, _: list[bytes]) -> Mutant:
-    """A single bit flipped, or one byte to nine more or less."""
-    rng, out = Random(seed), bytearray(data)
-    how = rng.random()
-    if how < 0.01:
-        return Mutant(data[: rng.randrange(len(out))], ("cut",), False)
-    if how < 0.02:
-        return Mutant(data + rng.randbytes(rng.randint(1, 9)), ("extended",), False)
-    bit = rng.randrange(8 * len(out))
-    out[bit // 8] ^= 1 << bit % 8
-    return Mutant(bytes(out), ("bit",), False)
+    """A single bit flipped; no checksum made right."""
+    return apply(data, Dice(seed), ["flip-bit"], False)
 
 
 KINDS: dict[str, Callable[[bytes, int, list[bytes]], Mutant]] = {

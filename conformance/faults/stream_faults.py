@@ -9,7 +9,9 @@ import zlib
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 
-from conformance.faults.table_records import Record, Records, number, rans_words, uniform, valued, with_tables
+import numpy as np
+
+from conformance.faults.table_records import Record, Records, number, valued, with_tables
 from conformance.scenes.cases import Case, Fault, refused
 from conformance.scenes.made import Plan, build, channel
 from conformance.scenes.neural_models import PredictorPlan
@@ -20,6 +22,7 @@ from scarfmt.coding.writer import QuantisedScene
 from scarfmt.container.file import Block, Tile
 from scarfmt.container.schema import BlockKind, Stream
 from scarfmt.container.substreams import pack_substreams
+from scarfmt.entropy.rans import RansEncoder, cached_uniform
 from scarfmt.scene.model import Channel, DecodedContext, LayerRow
 
 Files = dict[str, tuple[bytes, QuantisedScene]]
@@ -304,9 +307,11 @@ def _rest_faults(full: bytes) -> Iterator[Fault]:
         Record(record.key, (0,), (1,)) if bins(record) else record for record in records
     ])
     for name, low in (("split-rest", 4095), ("split-rest-edge", 1)):
-        rest = rans_words([uniform(2, 1), uniform(4096, low)])
+        rest = RansEncoder()
+        rest.encode(np.array([1]), cached_uniform(2))
+        rest.encode(np.array([low]), cached_uniform(4096))
         yield (name, f"a rest of {4096 + low} in a bin 4097 wide", *_SPLIT,
-               _with_part(one_bin, 1, Stream.POSITIONS, replaced(rest)))
+               _with_part(one_bin, 1, Stream.POSITIONS, replaced(rest.finish())))
 
 
 def _masks_of_two(records: Records) -> Records:

@@ -1,16 +1,14 @@
-"""Table records of a TABLES block, legal or not, and rANS words of chosen symbols, for faults (SPEC §8)."""
+"""Table records of a TABLES block, legal or not, for faults (SPEC §8)."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 from conformance.surgery.files import changed
 from conformance.writer.fields import svarint, varint
 from scarfmt.container.bytefields import ByteReader
 from scarfmt.container.schema import BlockKind
-
-TOTAL_LOG2 = 24
 
 
 @dataclass(frozen=True)
@@ -101,27 +99,3 @@ def valued(record: Record, old: int, new: int) -> Record:
     """The record with a value of its alphabet changed."""
     assert old in record.values
     return replace(record, values=tuple(new if value == old else value for value in record.values))
-
-
-def rans_words(symbols: Iterable[tuple[int, int]]) -> bytes:
-    """A sealed rANS stream (SPEC §8.2).
-
-    Args:
-        symbols: (first, count) of each, in decoding order: it has the frequencies first .. first + count - 1.
-    """
-    words, state = [], 0
-    for first, count in reversed(list(symbols)):
-        if state >> 40 >= count:
-            words.append(state & 0xFFFFFFFF)
-            state >>= 32
-        state = (state // count << TOTAL_LOG2) + first + state % count
-    while state:
-        words.append(state & 0xFFFFFFFF)
-        state >>= 32
-    return b"".join(word.to_bytes(4, "little") for word in words)
-
-
-def uniform(size: int, symbol: int) -> tuple[int, int]:
-    """First and count of a symbol of the uniform table of `size` symbols (SPEC §8.1)."""
-    first, past = (i * ((1 << TOTAL_LOG2) - size) // size + i for i in (symbol, symbol + 1))
-    return first, past - first

@@ -235,7 +235,7 @@ def load_expectation(vector: Vector) -> Expectation:
     value = _read_object(vector.expect)
     try:
         expectation = _expectation(value)
-    except (KeyError, TypeError, ValueError, AttributeError) as error:
+    except (LookupError, TypeError, ValueError, AttributeError) as error:
         raise _broken(vector.expect, f"it is not an expectation ({error!r})") from error
     if value.get("result") != vector.result:
         raise _broken(vector.expect, "its result is not that of the manifest")
@@ -251,6 +251,7 @@ def _expectation(value: dict[str, Any]) -> Expectation:
     stage = value.get("stage") or ("metadata" if refusals and METADATA_REFUSALS.issuperset(refusals) else "tiles")
     if stage not in REFUSAL_STAGES:
         raise ValueError(f"stage {stage!r}")
+    camera, offsets = value.get("camera"), value.get("offsets")
     return Expectation(
         str(value.get("purpose", "")),
         tuple(Layer(int(layer["layer"]), dict(layer["stages"])) for layer in value.get("layers") or ()),
@@ -258,23 +259,9 @@ def _expectation(value: dict[str, Any]) -> Expectation:
         tuple(str(refusal) for refusal in refusals),
         stage,
         int(value.get("extend_to") or 0),
-        _camera(value.get("camera")),
-        _offsets(value.get("offsets")),
+        None if camera is None else (float(camera[0]), float(camera[1]), float(camera[2])),
+        None if offsets is None else (int(offsets[0]), int(offsets[1])),
     )
-
-
-def _offsets(value: Any) -> tuple[int, int] | None:
-    if value is None:
-        return None
-    first, past = (int(number) for number in value)
-    return first, past
-
-
-def _camera(value: Any) -> tuple[float, ...] | None:
-    if value is None:
-        return None
-    x, y, z = (float(number) for number in value)
-    return x, y, z
 
 
 def _read_object(path: Path) -> dict[str, Any]:
