@@ -26,7 +26,7 @@ def lebytes(values: Any, kind: str) -> bytes:
 
 def delta(values: Any) -> bytes:
     """(N, width) whole numbers as differences to the Gaussian before, modulo 256."""
-    return planes(np.diff(np.asarray(values, np.int64), axis=0, prepend=0) & 255, "u1")
+    return planes(np.diff(np.asarray(values, np.int64), axis=0, prepend=0), "u1")
 
 
 def entry(name: str, encoding: str, stored: bytes, *bounds: float) -> Property:

@@ -176,7 +176,8 @@ def _failure_json(failure: Failure) -> dict[str, Any]:
 def junit(run: Run) -> bytes:
     """The report as JUnit XML: a test case per vector, and one for the handshake."""
     suite = ElementTree.Element("testsuite", name="scar-conformance", time=f"{run.seconds:.3f}")
-    _case(suite, CAPABILITIES, CAPABILITIES, run.handshake, run.handshake and handshake_text(run.handshake))
+    text = None if run.handshake is None else handshake_text(run.handshake)
+    _case(suite, CAPABILITIES, CAPABILITIES, run.handshake, text)
     for result in run.results:
         text = None if result.failure is None else failure_text(result)
         case = _case(suite, result.vector.class_, result.vector.id, result.failure, text)
