@@ -24,6 +24,7 @@ from reference_encoder.training.photo_files import (
     filter_areas,
     list_names,
     photo_files,
+    warn_of_unread,
     wrong_capture,
 )
 from reference_encoder.training.poses import pose_photos, undistort_photos
@@ -218,6 +219,7 @@ def _listed(path: Path, workspace: Path | None, report: Report) -> tuple[list[Ph
 def _posed(path: Path, workspace: Path | None, report: Report) -> tuple[list[Photo], Points]:
     """The photos of a folder without a list, as far as their poses are found."""
     files = bare_photos(path)
+    warn_of_unread(path)
     _check_number(path, len(files))
     lit = [files[index] for index in _lit(path, [file.name for file in files], files)]
     made, points = pose_photos(path, lit, workspace, report)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections import Counter
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -11,7 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from scarfmt.arrays import F64, U8
-from scarfmt.errors import InvalidInput
+from scarfmt.errors import InvalidInput, LossWarning
 from scarfmt.render.camera import Camera
 from scarfmt.render.capture import listings
 from scarfmt.render.capture.record import Distorted
@@ -44,6 +45,7 @@ def _average_parts(values: F64, count: int) -> F64:
 
 
 _PHOTOS = (".jpg", ".jpeg", ".png")
+_NOT_READ = (".heic", ".heif", ".avif", ".webp", ".tif", ".tiff", ".dng")
 _BLACK = 8
 """A photo whose brightest value is not above is black: what a lens cap leaves after JPEG."""
 _SHOWN_NAMES = 3
@@ -92,9 +94,22 @@ def bare_photos(path: Path) -> list[Path]:
     try:
         listings(path)
     except InvalidInput:
-        folder = path / "images" if (path / "images").is_dir() else path
-        return sorted(file for file in folder.iterdir() if file.suffix.lower() in _PHOTOS and file.is_file())
+        return _files_of(path, _PHOTOS)
     return []
+
+
+def warn_of_unread(path: Path) -> None:
+    """Warn of photos of :func:`bare_photos`' folder that are of a kind that is not read, such as HEIC."""
+    names = [file.name for file in _files_of(path, _NOT_READ)]
+    if names:
+        message = f"left out {list_names(names)}: of a kind that is not read; save copies as JPEG or PNG"
+        warnings.warn(f"{path}: {message}", LossWarning, stacklevel=4)
+
+
+def _files_of(path: Path, suffixes: Sequence[str]) -> list[Path]:
+    """Files with these endings in a folder, or in its `images/`, sorted by name."""
+    folder = path / "images" if (path / "images").is_dir() else path
+    return sorted(file for file in folder.iterdir() if file.suffix.lower() in suffixes and file.is_file())
 
 
 def size_of(file: Path) -> tuple[int, int]:

@@ -1,10 +1,14 @@
-"""Photos made smaller keep the light that falls on every part of them."""
+"""Photos made smaller keep the light that falls on every part of them; none is left out without a word."""
 
 from __future__ import annotations
 
-import numpy as np
+from pathlib import Path
 
-from reference_encoder.training.photo_files import filter_areas
+import numpy as np
+import pytest
+
+from reference_encoder.training.photo_files import bare_photos, filter_areas, warn_of_unread
+from scarfmt.errors import LossWarning
 
 
 def test_boxes_that_divide_are_averaged() -> None:
@@ -25,3 +29,12 @@ def test_a_picture_of_the_size_stays_and_extremes_too() -> None:
     assert filter_areas(white, 53, 37) is white
     assert (filter_areas(white, 20, 14) == 255).all()
     assert (filter_areas(0 * white, 20, 14) == 0).all()
+
+
+def test_photos_of_kinds_that_are_not_read_are_named(tmp_path: Path) -> None:
+    """Beside those that are read; other files of a folder are nobody's photos."""
+    for name in ("a.jpg", "b.HEIC", "c.dng", "notes.txt"):
+        (tmp_path / name).touch()
+    assert [file.name for file in bare_photos(tmp_path)] == ["a.jpg"]
+    with pytest.warns(LossWarning, match=r"b\.HEIC, c\.dng: of a kind that is not read"):
+        warn_of_unread(tmp_path)
