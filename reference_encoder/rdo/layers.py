@@ -3,9 +3,10 @@
 A layer shows the most important classes at some lambda; later layers show more classes at smaller lambdas. The first is
 the picture somebody sees before the rest has arrived, the last is what `quality` asks for, and in between bytes grow by
 like factors. The model of errors (docs/decisions/0003) is meant for small errors and ranks coarse pictures badly, so an
-encoder with time to spare draws them (docs/decisions/0018-layers-by-looks.md). A first layer must not have holes: of
-the classes it cannot show whole it shows those that cover most among their neighbours, and it does without colours
-that depend on the view where it can (docs/decisions/0026-first-layers.md).
+encoder draws them from effort 1 on (docs/decisions/0018-layers-by-looks.md). A first layer must not have holes: of the
+classes it cannot show whole it shows those that cover most among their neighbours (0026-first-layers.md). It does
+without colours that depend on the view where their models would take much of it, and shows the fewest classes that look
+good enough (0060-fewest-classes.md).
 """
 
 from __future__ import annotations
