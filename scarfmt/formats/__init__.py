@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 from dataclasses import dataclass, replace
 from importlib import import_module
 from os import PathLike
@@ -20,6 +21,9 @@ __all__ = ["FORMATS", "MAX_PIPE_BYTES", "Format", "detect", "find", "load", "ste
 
 MAX_PIPE_BYTES = 1 << 33
 """Bytes of a scene taken from a pipe: 30 million Gaussians as a PLY."""
+
+_ADDRESS = re.compile(r"(https?|ftp|s3|gs):/+")
+"""How an address of the web begins; paths lose the second slash."""
 
 
 @dataclass(frozen=True)
@@ -140,6 +144,9 @@ def _source(path_or_bytes: str | PathLike[str] | bytes) -> Source:
     if isinstance(path_or_bytes, bytes):
         return Source(path_or_bytes)
     path = Path(path_or_bytes)
+    if _ADDRESS.match(str(path)) and not path.exists():
+        address = _ADDRESS.sub(r"\1://", str(path))
+        raise InvalidInput("input-unreadable", f"{address}: scenes are read from files; download it, and give the file")
     if path.is_fifo():
         with path.open("rb") as pipe:
             return Source(read_bounded(pipe, str(path), MAX_PIPE_BYTES))

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from scarfmt.arrays import F32, F64, U8, U32
 from scarfmt.container.morton import MAX_BITS, interleave
-from scarfmt.errors import InvalidInput
+from scarfmt.errors import InvalidInput, Unsupported
 from scarfmt.formats import ply
 from scarfmt.formats.output import CoarseSteps, Described, Losses, Parts, Spool, Written, finite
 from scarfmt.formats.quantise import (
@@ -49,7 +49,13 @@ describe = ply.describe
 
 def sniff(source: Source) -> bool:
     """Whether the content is a PLY file with packed vertices."""
-    return ply.is_ply(source) and b"packed_position" in source.head(4096)
+    if not ply.is_ply(source):
+        return False
+    try:
+        vertex = ply.read_header(source).elements.get("vertex")
+    except (InvalidInput, Unsupported):
+        return False
+    return vertex is not None and WORDS[0] in vertex.properties
 
 
 def load(source: Source) -> GaussianScene:

@@ -222,6 +222,7 @@ def placed_meshes(asset: Asset) -> Iterator[tuple[int, F64]]:
 
     Raises:
         InvalidInput: damaged, or a node is in the tree twice.
+        Unsupported: ``input-gltf``: a node has an extension that may hide, move or repeat its mesh.
     """
     waiting = [(node, np.eye(4)) for node in reversed(_roots(asset))]
     seen: set[int] = set()
@@ -231,10 +232,18 @@ def placed_meshes(asset: Asset) -> Iterator[tuple[int, F64]]:
         if index in seen:
             raise asset.source.corrupt(f"node {index} is in the tree twice", field="nodes.children")
         seen.add(index)
+        unknown = sorted(asset.source.member(node, "extensions").keys() - _HARMLESS)
+        if unknown:
+            message = f"{asset.source.name}: node {index} has {unknown[0][:80]}, which may hide, move or repeat it"
+            raise Unsupported("input-gltf", f"{message}; export the scene without", field="nodes.extensions")
         matrix = above @ _local(asset, node)
         if "mesh" in node:
             yield asset.source.natural(node, "mesh"), matrix
         waiting.extend((child, matrix) for child in reversed(asset.source.array(node, "children")))
+
+
+_HARMLESS = frozenset({"KHR_lights_punctual"})
+"""Extensions of nodes that leave Gaussians as they are."""
 
 
 def _roots(asset: Asset) -> list[Any]:
@@ -307,8 +316,10 @@ def sniff(source: Source) -> bool:
     """Whether the content is a .glb, or JSON with the version of a glTF asset."""
     if source.head(4) == GLB_MAGIC:
         return True
-    asset = (source.document or {}).get("asset")
-    return isinstance(asset, dict) and "version" in asset
+    document = source.document or {}
+    asset = document.get("asset")
+    # The tilesets of 3D Tiles have an asset with a version, too.
+    return isinstance(asset, dict) and "version" in asset and "geometricError" not in document
 
 
 def load(source: Source) -> GaussianScene:
@@ -316,10 +327,17 @@ def load(source: Source) -> GaussianScene:
 
     Raises:
         InvalidInput: damaged, a buffer is missing, or there are no Gaussians in it (``input-not-gaussians``).
-        Unsupported: another version, kernel or colour space; another compression; a node that shears or mirrors.
+        Unsupported: another version, kernel or colour space; another compression; a node that shears or mirrors, or
+            has an unknown extension.
         LimitExceeded: more JSON, or more Gaussians, than any scene has.
+
+    Warns:
+        InputWarning: other scenes, animations, other primitives or harmonics of degree 4 are left out.
     """
     asset = Asset(source)
+    for field, most in (("scenes", 1), ("animations", 0)):
+        if len(asset.source.array(asset.document, field)) > most:
+            source.warn(f"{field} are left out but for the default scene as it stands")
     required = [str(name)[:80] for name in asset.source.array(asset.document, "extensionsRequired")]
     unknown = sorted(set(required) - _UNDERSTOOD)
     if unknown:
@@ -393,23 +411,27 @@ def _spz_file(asset: Asset, primitive: dict[str, Any]) -> Source | None:
 def _placed_gaussians(asset: Asset) -> list[_Placed]:
     """All primitives with Gaussians, counted before any of them is read."""
     found: list[_Placed] = []
-    others = total = 0
+    others: list[set[str]] = []
+    total = 0
     for mesh, matrix in placed_meshes(asset):
         for primitive in asset.source.array(asset.entry("meshes", mesh), "primitives"):
             if not isinstance(primitive, dict):
                 raise asset.source.corrupt("a primitive is not an object", field="meshes.primitives")
-            if EXTENSION not in asset.source.member(primitive, "extensions"):
-                others += 1
+            extensions = asset.source.member(primitive, "extensions")
+            if EXTENSION not in extensions:
+                others.append(set(extensions))
                 continue
             count = _declared(asset, primitive)
             total += count
             asset.source.check_count(total, file_bytes=_buffer_bytes(asset))
             found.append(_Placed(primitive, matrix, count))
     if not found:
-        message = f"{asset.source.name}: no primitive of its scene has {EXTENSION}; give a scene of Gaussians"
+        names = ", ".join(sorted(set().union(*others)))[:80]
+        message = f"{asset.source.name}: no primitive of its scene has {EXTENSION}{names and f', but {names}'}"
+        message += "; give a scene of Gaussians by the extension's present text"
         raise InvalidInput("input-not-gaussians", message, field="meshes.primitives.extensions")
     if others:
-        asset.source.warn(f"{others} primitives without Gaussians (meshes, lines) are left out")
+        asset.source.warn(f"{len(others)} primitives without Gaussians (meshes, lines) are left out")
     return found
 
 
@@ -496,6 +518,8 @@ def _harmonic_names(asset: Asset, attributes: dict[str, Any]) -> list[str]:
     """Names of the attributes of all degrees there are, in order."""
     names: list[str] = harmonics(0)
     missing = ""
+    if harmonic(4, 0) in attributes:
+        asset.source.warn("spherical harmonics of degree 4 are left out: scenes here have degree 3")
     for degree in (1, 2, 3):
         band = harmonics(degree)
         there = [name for name in band if name in attributes]

@@ -7,7 +7,8 @@ Properties, of any numeric type, in any order, text or binary; others (normals, 
   degree 3 is left out. Scenes without view-dependent colour may have ``red green blue`` instead, uchar or ushort.
 - ``opacity``: logit.
 - ``filter_3D``: Mip-Splatting's smoothing filter, a standard deviation that its trainer adds to every size.
-- ``scale_0..2``: natural log. 2D Gaussian scenes have two; the third is then set to log(1e-9), a flat disk.
+- ``scale_0..2``: natural log. 2D Gaussian scenes have two; the third is then set to log(1e-9), a flat disk. Balls, such
+  as those of MonoGS, have one, which holds for all axes.
 - ``rot_0..3``: quaternion w, x, y, z.
 """
 
@@ -34,8 +35,12 @@ _COEFFICIENTS = {0: 0, 9: 3, 24: 8, 45: 15, 72: 24}
 """Numbers of f_rest columns, and how many of them each colour has."""
 _MOST = 15
 _DC, _RGB = ("f_dc_0", "f_dc_1", "f_dc_2"), ("red", "green", "blue")
+_SCALES, _ROTATION = ("scale_0", "scale_1", "scale_2"), ("rot_0", "rot_1", "rot_2", "rot_3")
 _LARGEST = {"u1": 255.0, "u2": 65535.0}
 _FILTER = "filter_3D"
+_HARMLESS = ("nx", "ny", "nz", *_RGB, "alpha", "state", "transform")
+"""Columns beside those of Gaussians that do not change the picture; the last two are left by SuperSplat."""
+_KNOWN = frozenset(("x", "y", "z", "opacity", *_DC, *_SCALES, *_ROTATION, _FILTER, *_HARMLESS))
 
 
 describe = ply.describe
@@ -64,7 +69,7 @@ class Columns:
     """The columns of the attributes of Gaussians in the rows of a file.
 
     Attributes:
-        scales: names of the two or three scales.
+        scales: names of the one to three scales.
         colours: names of the colours of degree 0.
         rest: names of the coefficients above degree 0.
         smoothed: whether there is a filter to apply.
@@ -85,7 +90,11 @@ class Columns:
             InvalidInput: ``input-not-gaussians``, ``input-sh-degree``.
         """
         vertex = header.elements.get("vertex")
-        kinds = {} if vertex is None else vertex.properties
+        if vertex is None:
+            there = ", ".join(header.elements)[:80] or "nothing"
+            message = f"{source.name}: a PLY of {there}, without vertices; give a trained 3D Gaussian scene"
+            raise InvalidInput("input-not-gaussians", message, field="vertex")
+        kinds = vertex.properties
         names = [name for name, kind in kinds.items() if kind != ply.LIST]
         colours = _DC if set(_DC) & set(names) or not set(_RGB) <= set(names) else _RGB
         _check_columns(source, names, colours)
@@ -95,8 +104,8 @@ class Columns:
         rest, notes = _rest_columns(source, names)
         if colours == _RGB:
             notes += ("colours are read from red, green and blue: they have no f_dc",)
-        scales = tuple(name for name in ("scale_0", "scale_1", "scale_2") if name in names)
-        return cls(scales, colours, rest, _FILTER in names, notes)
+        scales = tuple(name for name in _SCALES if name in names)
+        return cls(scales, colours, rest, _FILTER in names, notes + _unread_columns(names))
 
     def warn(self, source: Source) -> None:
         """Tell what is not read as it is."""
@@ -110,6 +119,8 @@ class Columns:
     def scene(self, rows: ply.Rows) -> GaussianScene:
         """The Gaussians of some rows."""
         scales = ply.columns(rows, list(self.scales))
+        if len(self.scales) == 1:
+            scales = np.repeat(scales, 3, axis=1)
         logits = ply.columns(rows, ["opacity"])[:, 0]
         if self.smoothed:
             scales, logits = _smooth(scales, logits, rows[_FILTER])
@@ -119,7 +130,7 @@ class Columns:
             return GaussianScene(
                 self.positions(rows),
                 _with_third_axis(scales.astype(np.float32)),
-                ply.columns(rows, [f"rot_{i}" for i in range(4)]).astype(np.float32),
+                ply.columns(rows, list(_ROTATION)).astype(np.float32),
                 logits.astype(np.float32),
                 np.concatenate([dc.astype(np.float32), harmonics], axis=1),
             )
@@ -143,7 +154,9 @@ def _smooth(scales: NDArray[np.generic], logits: NDArray[np.generic], width: NDA
 
 
 def _check_columns(source: Source, names: list[str], colours: tuple[str, ...]) -> None:
-    required = ["x", "y", "z", "scale_0", "scale_1", *(f"rot_{i}" for i in range(4)), "opacity", *colours]
+    required = ["x", "y", "z", _SCALES[0], *_ROTATION, "opacity", *colours]
+    # The third scale may be missing, or both the second and the third.
+    required += _SCALES[1:2] if _SCALES[2] in names else ()
     missing = [name for name in required if name not in names]
     if missing:
         kind = "a point cloud or mesh, not a Gaussian scene" if "scale_0" in missing else "not a complete scene"
@@ -167,6 +180,15 @@ def _rest_columns(source: Source, names: list[str]) -> tuple[tuple[str, ...], tu
         )
     kept = tuple(f"f_rest_{colour * each + i}" for colour in range(3) for i in range(min(each, _MOST)))
     return kept, ("spherical harmonics of degree 4 are left out: scenes here have degree 3",) if each > _MOST else ()
+
+
+def _unread_columns(names: list[str]) -> tuple[str, ...]:
+    """A note on columns that may change the picture, such as those of motion."""
+    unread = [name for name in names if name not in _KNOWN and not name.startswith("f_rest_")]
+    if not unread:
+        return ()
+    more = f" and {len(unread) - 4} more" if len(unread) > 4 else ""
+    return (f"not read, though they may change the picture, such as by motion: columns {', '.join(unread[:4])}{more}",)
 
 
 def _with_third_axis(log_scales: F32) -> F32:
@@ -207,6 +229,6 @@ def ply_header(count: int, rest: int, comments: Iterable[str] = ()) -> bytes:
             raise InvalidInput("output-comment", f"a PLY comment is one line of printable ASCII, got {comment!r}")
         lines.append(f"comment {comment}")
     names = ["x", "y", "z", "nx", "ny", "nz", *_DC, *(f"f_rest_{i}" for i in range(3 * rest)), "opacity"]
-    names += [*(f"scale_{i}" for i in range(3)), *(f"rot_{i}" for i in range(4))]
+    names += [*_SCALES, *_ROTATION]
     lines += [f"element vertex {count}", *(f"property float {name}" for name in names)]
     return "\n".join([*lines, "end_header", ""]).encode("ascii")

@@ -17,7 +17,12 @@ _KINDS = (
     (b"RADC", "a chunk of Spark's .rad; give the .rad beside it"),
     (b"7z\xbc\xaf", "a 7z archive; unpack it"),
     (b"Rar!", "a RAR archive; unpack it"),
+    (b"\xfd7zXZ", "packed by xz; unpack it"),
+    (b"BZh", "packed by bzip2; unpack it"),
+    (b"\x28\xb5\x2f\xfd", "packed by zstd; unpack it"),
+    (b"PK\x05\x06", "an empty ZIP archive"),
     (b"version https://git-lfs", "a pointer of Git LFS; run 'git lfs pull'"),
+    (b"b3dm", "a tile of meshes; give a .glb with Gaussians"),
     (b"LASF", "a LAS point cloud without Gaussians; give a trained scene"),
     (b"ASTM-E57", "an E57 point cloud without Gaussians; give a trained scene"),
     (b"\x89PNG", "a picture"),
@@ -27,6 +32,16 @@ _KINDS = (
     (b"<?xml", _PAGE),
 )
 """How content begins, in lower case or as it is, what it is and what helps."""
+
+_TAR = slice(257, 262)
+"""Where a tar archive has its mark."""
+_DOCUMENTS = (
+    ({"asset", "geometricError", "root"}, "a tileset of 3D Tiles; give one of the .glb files it names"),
+    ({"totalSplats", "attributes"}, "a scene of XGRIDS, .lcc; export it as a PLY"),
+    ({"frames"}, "a list of cameras, no scene; give it to --cameras"),
+)
+"""Members that JSON documents have, what they are and what helps."""
+_PROJECT = "document.json"
 
 
 def unpack(source: Source) -> Source:
@@ -40,6 +55,9 @@ def unpack(source: Source) -> Source:
         return Source(_inflate(source), source.name.removesuffix(".gz"))
     with open_archive(source) as archive:
         names = member_names(source)
+        if _PROJECT in names:
+            what = "a project of SuperSplat, whose placements and colours are not read; export it there as a PLY"
+            raise InvalidInput("input-format", f"{source.name}: {what}", field=_PROJECT)
         scenes = [name for name in names if name.lower().endswith(_SCENES)]
         if len(scenes) != 1:
             raise InvalidInput("input-format", f"{source.name}: a ZIP archive with {_contents(names, scenes)}")
@@ -56,6 +74,11 @@ def kind_of(source: Source) -> str:
     head = source.head(64).lstrip()
     if not source.size:
         return "an empty file"
+    if source.head(_TAR.stop)[_TAR] == b"ustar":
+        return "a tar archive; unpack it"
+    if source.document is not None:
+        members = source.document.keys()
+        return next((kind for needed, kind in _DOCUMENTS if needed <= members), "")
     return next((kind for start, kind in _KINDS if start in (head[: len(start)], head[: len(start)].lower())), "")
 
 

@@ -109,6 +109,7 @@ def read_header(source: Source) -> Header:
 
     Raises:
         InvalidInput: not a PLY file, or the header is cut or malformed.
+        Unsupported: a property of a type that PLY does not have.
     """
     head = source.head(_MAX_HEADER)
     if _FIRST_LINE.match(head) is None:
@@ -220,8 +221,11 @@ def _declare(source: Source, element: Element, declaration: list[str], text: boo
             element.declare(name, length, item, text)
         case [kind, name] if kind in TYPES and name not in element.properties:
             element.declare(name, None, kind, text)
+        case [kind, name] if kind not in TYPES:
+            message = f"{source.name}: {name[:40]} has type {kind[:40]!r}, which PLY does not have; export it as float or int"
+            raise Unsupported("input-format", message, field=element.name)
         case _:
-            raise source.corrupt(f"malformed PLY property {' '.join(declaration)[:80]!r}")
+            raise source.corrupt(f"malformed PLY property {' '.join(declaration)[:80]!r}, or one declared twice")
 
 
 Rows = NDArray[np.void]
@@ -249,7 +253,8 @@ def read_elements(source: Source, header: Header, names: Collection[str]) -> dic
         stream.seek(header.length)
         try:
             if not header.byte_order:
-                return _read_text(io.TextIOWrapper(stream, "ascii", newline=None), header, names)
+                with io.TextIOWrapper(stream, "ascii", newline=None) as text:
+                    return _read_text(text, header, names)
             return _read_binary(stream, header, names)
         except (ValueError, OverflowError) as error:
             raise source.corrupt(f"malformed PLY body: {error}") from error

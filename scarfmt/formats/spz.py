@@ -54,6 +54,8 @@ _ORBIT, _COORDINATE_SYSTEM = 0xADBE0002, 0xADBE0003
 """Extensions of Adobe: limits for a camera, which do not change the scene, and the axes."""
 _RUB = 4
 _MOST_COEFFICIENTS = 15
+_MOST_FRACTION_BITS = 32
+"""With more, no position of 24 bits is beyond 1/512: writers that forget the number leave 255."""
 _MAX_EXTENSION_BYTES = 1 << 20
 
 
@@ -149,6 +151,8 @@ def _read_header(source: Source, head: bytes) -> tuple[Header, list[int]]:
     if unknown or (head[14] & _TREE and head[14] & _HAS_EXTENSIONS):
         message = f"{source.name}: SPZ flags {head[14]:#x}, not known together in version {version}"
         raise Unsupported("input-version", f"{message}; export the scene as a PLY", field="flags")
+    if version > 1 and fraction_bits > _MOST_FRACTION_BITS:
+        raise source.corrupt(f"positions in steps of 2^-{fraction_bits} all lie at zero", field="fractionalBits")
     source.check_count(count, sh_degree=degree)
     widths = [6 if version == 1 else 9, 1, 3, 3, 3 if version < 3 else 4, 3 * ((degree + 1) ** 2 - 1)]
     return (version, count, degree, fraction_bits), [width * count for width in widths]

@@ -49,7 +49,7 @@ def load(source: Source) -> GaussianScene:
 
     Raises:
         InvalidInput: damaged; ``input-not-gaussians``: it shows none; ``input-dependency``: usd-core is missing.
-        Unsupported: ``input-usd``: another kind of particles, or a transform that shears or mirrors.
+        Unsupported: ``input-usd``: another kind of particles, an instancer, or a transform that shears or mirrors.
         LimitExceeded: more Gaussians than any scene has.
 
     Warns:
@@ -113,6 +113,9 @@ def _find_prims(source: Source, stage: Any) -> list[Any]:
 
     found, hidden, others = [], 0, 0
     for prim in Usd.PrimRange.Stage(stage, Usd.TraverseInstanceProxies()):
+        if prim.IsA(UsdGeom.PointInstancer):
+            message = f"{source.name}: {prim.GetPath()} repeats what lies below it; export the scene without instancers"
+            raise Unsupported("input-usd", message)
         if prim.GetTypeName() == _KIND:
             visible = UsdGeom.Imageable(prim).ComputeVisibility() != UsdGeom.Tokens.invisible
             found += [prim] if visible else []

@@ -14,7 +14,7 @@ from scarfmt.errors import InvalidInput
 from scarfmt.formats import FORMATS, detect, load
 from scarfmt.formats.source import Source
 from scarfmt.scene.gaussians import AnchorModel, GaussianScene
-from tests.formats.scene_files import EXAMPLES, read_scene, zipped
+from tests.formats.scene_files import EXAMPLES, compressed_ply, inria_ply, read_scene, zipped
 from tests.samples.codec_samples import refuses
 
 MARKED = {name: data for name, data in EXAMPLES.items() if name != "splat"}
@@ -71,6 +71,16 @@ def test_unknown_content_is_refused_with_the_list_of_formats(given: bytes) -> No
         (b"", "an empty file"),
         (b"<!DOCTYPE html><html>", "a web page"),
         (b"version https://git-lfs.github.com/spec/v1\n", "git lfs pull"),
+        (b"x" * 257 + b"ustar\x0000", "a tar archive"),
+        (b"\xfd7zXZ\0", "packed by xz"),
+        (b"BZh91AY", "packed by bzip2"),
+        (b"\x28\xb5\x2f\xfd", "packed by zstd"),
+        (b"b3dm", "a tile of meshes"),
+        (zipped({}), "an empty ZIP"),
+        (zipped({"document.json": b"{}", "splat_0.ply": inria_ply()}), "a project of SuperSplat"),
+        (b'{"asset": {"version": "1.1"}, "geometricError": 1, "root": {}}', "a tileset of 3D Tiles"),
+        (b'{"version": "5.0", "totalSplats": 4, "attributes": []}', "a scene of XGRIDS"),
+        (b'{"frames": []}', "a list of cameras"),
         (b"RADC\0\0\0\0", "the .rad beside it"),
         (zipped({"archive/data.pkl": b""}), "checkpoint of PyTorch"),
         (zipped({"readme.txt": b"hello"}), "no scene in it: readme.txt"),
@@ -103,6 +113,26 @@ def test_unknown_format_id_is_refused_with_the_list_of_formats() -> None:
     with pytest.raises(InvalidInput, match=r"dar.*compressed-ply.*spz") as caught:
         load(b"", format="dar")
     assert caught.value.refusal == "input-format"
+
+
+@pytest.mark.parametrize("address", ["https://example.org/a.ply", "ftp://example.org/a.spz"])
+def test_an_address_is_no_file(address: str) -> None:
+    with pytest.raises(InvalidInput, match="download it") as caught:
+        load(address)
+    assert address in caught.value.message
+
+
+@pytest.mark.parametrize(
+    ("data", "known"),
+    [
+        (inria_ply().replace(b"made for a test", b"packed_position was here"), "ply"),
+        (inria_ply().replace(b"made for a test", b"long " * 4000), "ply"),
+        (compressed_ply().replace(b"element chunk", b"comment " + b"long " * 4000 + b"\nelement chunk", 1), "compressed-ply"),
+    ],
+)
+def test_comments_do_not_decide_between_formats(data: bytes, known: str) -> None:
+    assert detect(Source(data)).id == known
+    assert len(read_scene(data)) > 0
 
 
 def test_missing_file_is_an_input_error(tmp_path: Path) -> None:

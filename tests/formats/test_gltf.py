@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from scarfmt.container.registries import ColourSpace, RenderModel
-from scarfmt.errors import InputWarning, ScarError
+from scarfmt.errors import InputWarning, InvalidInput, ScarError
 from scarfmt.formats import load
 from scarfmt.formats.quantise import opacities
 from scarfmt.scene.gaussians import GaussianScene
@@ -161,7 +161,7 @@ def test_all_primitives_of_the_scene_make_one() -> None:
         document["scenes"] = [{"nodes": [3]}, {"nodes": [0, 1, 2]}]
         document["scene"] = 1
 
-    with pytest.warns(InputWarning, match="1 primitives without Gaussians"):
+    with pytest.warns(InputWarning, match="1 primitives without Gaussians"), pytest.warns(match="scenes are left out"):
         scene = read_scene(changed(several))
     one = read_scene(EXAMPLES["gltf glb"])
     np.testing.assert_array_equal(scene.positions[:4], one.positions)
@@ -201,6 +201,14 @@ REFUSED: dict[str, tuple[Change, str]] = {
         lambda d: d["nodes"][0].update(matrix=[1, 0, 0, 0, 1, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1]),
         "input-gltf",
     ),
+    "a node that is repeated": (
+        lambda d: d["nodes"][0].update(extensions={"EXT_mesh_gpu_instancing": {"attributes": {}}}),
+        "input-gltf",
+    ),
+    "a node that may be hidden": (
+        lambda d: d["nodes"][0].update(extensions={"KHR_node_visibility": {"visible": False}}),
+        "input-gltf",
+    ),
     "a matrix of text": (lambda d: d["nodes"][0].update(matrix="one"), "input-corrupt"),
     "a mesh that is not there": (lambda d: d["nodes"][0].update(mesh=7), "input-corrupt"),
     "a mesh in very many places, refused before it is read": (
@@ -215,6 +223,33 @@ REFUSED: dict[str, tuple[Change, str]] = {
 def test_refusals(name: str) -> None:
     change, refusal = REFUSED[name]
     refuses(refusal, lambda: load(changed(change)))
+
+
+def add_degree_4(document: Document) -> None:
+    attributes = primitive(document)["attributes"]
+    for degree in (2, 3, 4):
+        attributes.update({NAME(f"SH_DEGREE_{degree}_COEF_{i}"): attributes["POSITION"] for i in range(2 * degree + 1)})
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        (lambda d: d["scenes"].append({"nodes": []}), "scenes are left out"),
+        (lambda d: d.update(animations=[{"channels": [], "samplers": []}]), "animations are left out"),
+        (add_degree_4, "degree 4 are left out"),
+    ],
+)
+def test_what_is_left_out_is_told(change: Change, said: str) -> None:
+    with pytest.warns(InputWarning, match=said):
+        assert len(read_scene(changed(change))) == 4
+
+
+def test_an_extension_of_an_earlier_draft_is_named() -> None:
+    def rename(document: Document) -> None:
+        primitive(document)["extensions"] = {"KHR_spz_gaussian_splats_compression": {"bufferView": 0}}
+
+    with pytest.raises(InvalidInput, match="KHR_spz_gaussian_splats_compression"):
+        load(changed(rename))
 
 
 @pytest.mark.parametrize(("attribute", "value"), [("OPACITY", 1.5), ("OPACITY", -0.1), ("SCALE", -1.0)])

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from scarfmt.container.registries import RenderModel
-from scarfmt.errors import InputWarning, InvalidInput, LimitExceeded
+from scarfmt.errors import InputWarning, InvalidInput, LimitExceeded, Unsupported
 from scarfmt.formats import load
 from scarfmt.formats.inria_ply import FLAT_LOG_SCALE
 from scarfmt.scene.description import Description
@@ -58,12 +58,44 @@ def test_double_positions_keep_their_precision() -> None:
     assert read_scene(ply([("double", name) for name in names], rows)).positions[0, 0] == 1e6 + 1e-6
 
 
-def test_other_properties_and_elements_are_ignored() -> None:
-    names = inria_names(9)
-    properties = [("uchar", "red"), *(("float", name) for name in names), ("int", "label")]
+def test_normals_colours_and_other_elements_are_passed_over() -> None:
+    properties = [(kind, name) for kind, name in (("uchar", "red"), ("float", "nx"))]
+    properties += [("float", name) for name in inria_names(9)]
     rows = np.ones((2, len(properties)))
     data = ply(properties, rows, extra="element camera 0\nproperty list uchar int vertex_indices")
     assert len(read_scene(data)) == 2
+
+
+def test_columns_that_may_say_more_are_named() -> None:
+    """Scenes that move have such columns: what stands in a row is one moment of it."""
+    more = ["trbf_center", "motion_0", "motion_1", "motion_2", "omega_0"]
+    names = inria_names(0) + more
+    with pytest.warns(InputWarning, match="columns trbf_center, motion_0, motion_1, motion_2 and 1 more"):
+        assert len(read_scene(ply([("float", name) for name in names], np.ones((2, len(names)))))) == 2
+
+
+def test_one_scale_is_that_of_every_axis() -> None:
+    scene = read_scene(inria_ply(5, 9, scales=1))
+    scale = np.arange(5) + inria_names(9, 1).index("scale_0") / 64
+    np.testing.assert_array_equal(scene.log_scales, np.stack([scale] * 3, axis=1))
+    assert scene.description.render_model == RenderModel.CLASSIC
+
+
+def test_a_middle_scale_may_not_be_missing() -> None:
+    with pytest.raises(InvalidInput, match="lack scale_1"):
+        load(inria_ply(5, 0).replace(b"scale_1", b"other_1"))
+
+
+@pytest.mark.parametrize("kind", ["half", "float16", "int64", "bool"])
+def test_a_type_that_ply_lacks_is_named_not_called_damage(kind: str) -> None:
+    data = inria_ply(2, 0).replace(b"property float opacity", f"property {kind} opacity".encode())
+    with pytest.raises(Unsupported, match=f"opacity has type '{kind}'"):
+        load(data)
+
+
+def test_a_ply_without_vertices_says_what_it_has() -> None:
+    with pytest.raises(InvalidInput, match="a PLY of splat, without vertices"):
+        load(inria_ply(2, 0).replace(b"element vertex", b"element splat"))
 
 
 @pytest.mark.parametrize("form", ["little", "big", "ascii"])
@@ -104,7 +136,6 @@ def test_lists_that_lead_astray_are_refused() -> None:
         (b"element vertex 3", b"element vertex -3"),
         (b"element vertex 3", b"element vertex 3\nelement vertex 3"),
         (b"property float x", b"property float x\nproperty float x"),
-        (b"property float x", b"property quaternion x"),
         (b"property float x", b"nonsense"),
     ],
 )

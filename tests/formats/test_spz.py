@@ -116,6 +116,16 @@ def test_what_is_not_known_is_refused_by_name() -> None:
     refuses("input-frame", partial(load, axes))
 
 
+@pytest.mark.parametrize("version", [2, 3, 4])
+def test_a_step_that_puts_all_positions_at_zero_is_refused(version: int) -> None:
+    """A known writer leaves 255 where it forgets the number of fractional bits."""
+    data = spz(version)
+    plain = data if version == 4 else gzip.decompress(data)
+    forgotten = plain[:13] + b"\xff" + plain[14:]
+    with pytest.raises(InvalidInput, match="all lie at zero"):
+        load(forgotten if version == 4 else gzip.compress(forgotten))
+
+
 @pytest.mark.parametrize("version", [3, 4])
 def test_degree_four_is_cut_with_a_word(version: int) -> None:
     with pytest.warns(InputWarning, match="degree 4"):

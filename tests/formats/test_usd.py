@@ -162,9 +162,14 @@ def mirror(stage: Any) -> None:
     geometry.Xformable(stage.GetPrimAtPath("/Gaussians")).AddScaleOp().Set(gf.Vec3f(1, 1, -1))
 
 
+def repeat(stage: Any) -> None:
+    geometry.PointInstancer.Define(stage, "/Many")
+
+
 @pytest.mark.parametrize(
     ("change", "kind", "refusal"),
     [
+        (repeat, Unsupported, "input-usd"),
         (lambda stage: stage.RemovePrim("/Gaussians"), InvalidInput, "input-not-gaussians"),
         (lambda stage: stage.GetPrimAtPath("/Gaussians").SetTypeName("ParticleField"), Unsupported, "input-usd"),
         (mirror, Unsupported, "input-usd"),
@@ -175,7 +180,7 @@ def mirror(stage: Any) -> None:
         (set_value("radiance:sphericalHarmonicsDegree", -1), InvalidInput, "input-corrupt"),
         (lambda stage: stage.GetPrimAtPath("/Gaussians").RemoveProperty("scales"), InvalidInput, "input-corrupt"),
     ],
-    ids=["none", "particles", "mirror", "opacity", "scale", "counts", "degree", "negative", "lacking"],
+    ids=["repeat", "none", "particles", "mirror", "opacity", "scale", "counts", "degree", "negative", "lacking"],
 )
 def test_what_cannot_be_read_is_refused(
     change: Callable[[Any], None], kind: type[ScarError], refusal: str, tmp_path: Path

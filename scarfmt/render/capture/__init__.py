@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from scarfmt.render.camera import Camera
-from scarfmt.render.capture.colmap import colmap_cameras, colmap_distorted, model_files
+from scarfmt.render.capture.colmap import colmap_cameras, colmap_distorted, model_files, warn_of_parts
 from scarfmt.render.capture.points import Points, colmap_points, ply_points
 from scarfmt.render.capture.record import (
     MAX_CAMERAS,
@@ -58,7 +58,7 @@ def load_cameras(path: str | PathLike[str]) -> list[Camera]:
         OSError: it cannot be read.
 
     Warns:
-        InputWarning: lens distortion is ignored, or a list has another length than it says.
+        InputWarning: lens distortion is ignored, a list has another length than it says, or COLMAP wrote several models.
     """
     files = listings(Path(path))
     found = [
@@ -68,6 +68,8 @@ def load_cameras(path: str | PathLike[str]) -> list[Camera]:
     ]
     if not found:
         raise wrong(str(path), "lists no cameras; export them again")
+    if files[0].name in _MODEL_FILES and files[0].parent.name == "0" and files[0].parent != Path(path):
+        warn_of_parts(files[0].parent)
     return found
 
 

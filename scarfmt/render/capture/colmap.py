@@ -126,6 +126,14 @@ def model_files(folder: Path) -> tuple[Path, Path] | None:
     return None
 
 
+def warn_of_parts(model: Path) -> None:
+    """Tell where COLMAP could not join all photos, and wrote a model of each part: `0` need not be the largest."""
+    others = sorted({path.parent.name for path in model.parent.glob("*/images.*")} - {model.name})
+    if others:
+        message = f"{model} is read, one of {len(others) + 1} models of parts of the photos"
+        warnings.warn(f"{message}; give the folder of another: {', '.join(others[:5])}", InputWarning, stacklevel=3)
+
+
 def colmap_cameras(cameras: Path, images: Path) -> list[Camera]:
     """The cameras of a sparse model, in the order of their photos' names.
 
@@ -326,4 +334,4 @@ def _lines(path: Path) -> Iterator[tuple[int, str]]:
             piece = line
             while not piece.endswith(b"\n") and (piece := stream.readline(_MAX_LINE)):
                 pass
-            yield number, line.decode("utf-8", "replace")
+            yield number, line.decode("utf-8", "replace").removeprefix("\ufeff" if number == 1 else "")

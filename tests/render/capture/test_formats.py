@@ -69,6 +69,22 @@ def test_a_sparse_model_is_found_in_its_folders(kind: str, inner: str, tmp_path:
     assert_alike(load_cameras(next(model.glob("images.*"))), SEVERAL)
 
 
+def test_models_of_parts_that_are_not_read_are_named(tmp_path: Path) -> None:
+    """COLMAP numbers the models of photos that it could not join; the first need not be the largest."""
+    files.colmap_text(SEVERAL[:1], tmp_path / "sparse" / "0")
+    files.colmap_text(SEVERAL, tmp_path / "sparse" / "1")
+    with pytest.warns(InputWarning, match=r"one of 2 models .* another: 1"):
+        assert_alike(load_cameras(tmp_path), SEVERAL[:1])
+    assert_alike(load_cameras(tmp_path / "sparse" / "1"), SEVERAL)
+
+
+def test_text_files_may_begin_with_a_byte_order_mark(tmp_path: Path) -> None:
+    model = files.colmap_text(SEVERAL, tmp_path)
+    for name in ("cameras.txt", "images.txt"):
+        (model / name).write_text("\ufeff" + (model / name).read_text().split("\n", 1)[1], encoding="utf-8")
+    assert_alike(load_cameras(model), SEVERAL)
+
+
 def test_of_a_folder_the_list_that_tells_most_is_taken(tmp_path: Path) -> None:
     files.in_json(files.transforms(SEVERAL[:1]), tmp_path / "transforms.json")
     assert len(load_cameras(tmp_path)) == 1
