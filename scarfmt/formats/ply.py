@@ -222,7 +222,7 @@ def _declare(source: Source, element: Element, declaration: list[str], text: boo
         case [kind, name] if kind in TYPES and name not in element.properties:
             element.declare(name, None, kind, text)
         case [kind, name] if kind not in TYPES:
-            message = f"{source.name}: {name[:40]} has type {kind[:40]!r}, which PLY does not have; export it as float or int"
+            message = f"{source.name}: {name[:40]} has type {kind[:40]!r}, which PLY does not have; export it as float"
             raise Unsupported("input-format", message, field=element.name)
         case _:
             raise source.corrupt(f"malformed PLY property {' '.join(declaration)[:80]!r}, or one declared twice")
