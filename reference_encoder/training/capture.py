@@ -143,7 +143,7 @@ def load_capture(
 
     Args:
         path: what :func:`scarfmt.load_cameras` reads, with the photos beside it, by the names it gives or in `images/`;
-            or a folder of photos alone, JPEG or PNG, whose poses are found (extra ``poses``).
+            or a folder of photos alone, whose poses are found (extra ``poses``).
         resolution: longest side of the photos, pixels: larger ones are filtered down to it; None for as they are.
         hold_out: every so manieth photo is for tests, unless the file says which are; 0 for none at all.
         workspace: folder for photos made anew because their lens distorts or their poses were found; it has to stay as

@@ -6,10 +6,13 @@ import warnings
 from collections import Counter
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
+from functools import cache
 from os import PathLike
 from pathlib import Path
 
 import numpy as np
+from PIL import ExifTags, Image, ImageOps
 
 from scarfmt.arrays import F64, U8
 from scarfmt.errors import InvalidInput, LossWarning
@@ -44,8 +47,9 @@ def _average_parts(values: F64, count: int) -> F64:
     return means
 
 
-_PHOTOS = (".jpg", ".jpeg", ".png")
-_NOT_READ = (".heic", ".heif", ".avif", ".webp", ".tif", ".tiff", ".dng")
+_PHOTOS = (".jpg", ".jpeg", ".png", ".heic", ".heif", ".avif", ".webp", ".tif", ".tiff", ".dng")
+_PLAIN = ("JPEG", "MPO", "PNG")
+"""Kinds of pictures that COLMAP reads wherever it was built."""
 _BLACK = 8
 """A photo whose brightest value is not above is black: what a lens cap leaves after JPEG."""
 _SHOWN_NAMES = 3
@@ -88,28 +92,65 @@ def photo_files(path: Path, views: Sequence[View]) -> list[Path]:
 
 
 def bare_photos(path: Path) -> list[Path]:
-    """The photos of a folder that lists no cameras, or of its `images/`, sorted by name; none where it lists some."""
+    """The photos of a folder that lists no cameras, or of its `images/`, sorted by name; none where it lists some.
+
+    HEIC is among them where pillow-heif is installed.
+    """
     if not path.is_dir():
         return []
     try:
         listings(path)
     except InvalidInput:
-        return _files_of(path, _PHOTOS)
+        return [file for file in _photo_like(path) if file.suffix.lower() in _read_suffixes()]
     return []
 
 
 def warn_of_unread(path: Path) -> None:
-    """Warn of photos of :func:`bare_photos`' folder that are of a kind that is not read, such as HEIC."""
-    names = [file.name for file in _files_of(path, _NOT_READ)]
+    """Warn of photos of :func:`bare_photos`' folder that are of a kind that is not read."""
+    names = [file.name for file in _photo_like(path) if file.suffix.lower() not in _read_suffixes()]
     if names:
         message = f"left out {list_names(names)}: of a kind that is not read; save copies as JPEG or PNG"
+        if any(name.lower().endswith((".heic", ".heif")) for name in names):
+            message += ", or for HEIC: pip install 'scarfmt[heic]'"
         warnings.warn(f"{path}: {message}", LossWarning, stacklevel=4)
 
 
-def _files_of(path: Path, suffixes: Sequence[str]) -> list[Path]:
-    """Files with these endings in a folder, or in its `images/`, sorted by name."""
+def _photo_like(path: Path) -> list[Path]:
+    """Files of a folder, or of its `images/`, that are named like photos, sorted by name."""
     folder = path / "images" if (path / "images").is_dir() else path
-    return sorted(file for file in folder.iterdir() if file.suffix.lower() in suffixes and file.is_file())
+    return sorted(file for file in folder.iterdir() if file.suffix.lower() in _PHOTOS and file.is_file())
+
+
+@cache
+def _read_suffixes() -> frozenset[str]:
+    """Endings of files that Pillow reads here."""
+    with suppress(ImportError):
+        import pillow_heif
+
+        pillow_heif.register_heif_opener()
+    return frozenset(suffix for suffix, kind in Image.registered_extensions().items() if kind in Image.OPEN)
+
+
+def upright_photos(files: Sequence[Path], folder: Path) -> list[Path]:
+    """Each photo as a JPEG or PNG whose rows are those one sees: the file itself, or else a PNG in `folder`.
+
+    Raises:
+        InvalidInput: ``input-image``.
+        OSError: a photo cannot be read, or the disk is full.
+    """
+    folder.mkdir()
+
+    def upright(number: int, file: Path) -> Path:
+        with opened_image(file) as image:
+            if image.format in _PLAIN and image.getexif().get(ExifTags.Base.Orientation, 1) == 1:
+                return file
+            made = folder / f"{number}.png"
+            turned = ImageOps.exif_transpose(image)
+            turned.convert("RGBA" if turned.has_transparency_data else "RGB").save(made, compress_level=1)
+        return made
+
+    with ThreadPoolExecutor() as pool:
+        return list(pool.map(upright, range(len(files)), files))
 
 
 def size_of(file: Path) -> tuple[int, int]:

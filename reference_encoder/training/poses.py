@@ -25,7 +25,7 @@ from typing import IO
 import numpy as np
 from PIL import Image
 
-from reference_encoder.training.photo_files import size_of, wrong_capture
+from reference_encoder.training.photo_files import size_of, upright_photos, wrong_capture
 from scarfmt.arrays import F64
 from scarfmt.coding.writer import Report
 from scarfmt.errors import InvalidInput
@@ -37,8 +37,9 @@ from scarfmt.scene.rotation import quaternion_from_matrix
 
 UNDISTORTED = "undistorted"
 INPUT, MODEL, PAIRS = "input", "model", "pairs.txt"
+_UPRIGHT = "upright"
 _SOURCE = "source.txt"
-_MAKING = 2
+_MAKING = 3
 """How photos are made: one more whenever that changes, so that none are kept that were made otherwise."""
 _THUMBNAIL = (24, 16)
 _ALIKE = 10
@@ -87,11 +88,12 @@ def pose_photos(path: Path, files: Sequence[Path], workspace: Path | None, repor
     place = _workplace(path, "there are photos but no poses; to find these", workspace)
 
     def make(folder: Path) -> None:
-        sizes = [size_of(file) for file in files]
+        upright = upright_photos(files, folder / _UPRIGHT)
+        sizes = [size_of(file) for file in upright]
         kinds = sorted(set(sizes))
         # A lens of its own for every size, which is a folder to COLMAP.
-        names = _staged(folder, files, [f"{kinds.index(size)}/" for size in sizes])
-        (folder / PAIRS).write_text(_pairs_alike(files, names))
+        names = _staged(folder, upright, [f"{kinds.index(size)}/" for size in sizes])
+        (folder / PAIRS).write_text(_pairs_alike(upright, names))
         _run("poses", folder, path, report)
         count = len(load_cameras(folder))
         if count < max(2, _LEAST_PART * len(files)):

@@ -6,9 +6,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from PIL import ExifTags, Image
 
-from reference_encoder.training.photo_files import bare_photos, filter_areas, warn_of_unread
+from reference_encoder.training.photo_files import bare_photos, filter_areas, upright_photos, warn_of_unread
 from scarfmt.errors import LossWarning
+from scarfmt.render.images import read_pixels
 
 
 def test_boxes_that_divide_are_averaged() -> None:
@@ -33,8 +35,32 @@ def test_a_picture_of_the_size_stays_and_extremes_too() -> None:
 
 def test_photos_of_kinds_that_are_not_read_are_named(tmp_path: Path) -> None:
     """Beside those that are read; other files of a folder are nobody's photos."""
-    for name in ("a.jpg", "b.HEIC", "c.dng", "notes.txt"):
+    for name in ("a.jpg", "b.dng", "notes.txt"):
         (tmp_path / name).touch()
     assert [file.name for file in bare_photos(tmp_path)] == ["a.jpg"]
-    with pytest.warns(LossWarning, match=r"b\.HEIC, c\.dng: of a kind that is not read"):
+    with pytest.warns(LossWarning, match=r"b\.dng: of a kind that is not read"):
         warn_of_unread(tmp_path)
+
+
+def test_turned_photos_and_those_that_colmap_may_not_read_become_upright_pngs(tmp_path: Path) -> None:
+    """As they are seen; the others stay the files that they are."""
+    picture = np.zeros((40, 60, 3), np.uint8)
+    picture[:20, :30] = 255
+    turned = Image.Exif()
+    turned[ExifTags.Base.Orientation] = 6  # to be turned a quarter clockwise
+    image = Image.fromarray(picture)
+    image.save(tmp_path / "a.jpg")
+    image.save(tmp_path / "b.jpg", exif=turned)
+    image.save(tmp_path / "c.webp", lossless=True)
+    plain, upright, webp = upright_photos(bare_photos(tmp_path), tmp_path / "made")
+    assert plain == tmp_path / "a.jpg"
+    np.testing.assert_array_equal(read_pixels(upright) > 128, np.rot90(picture, -1) > 128)
+    np.testing.assert_array_equal(read_pixels(webp), picture)
+
+
+def test_heic_photos_are_read(tmp_path: Path) -> None:
+    pillow_heif = pytest.importorskip("pillow_heif")
+    picture = np.random.default_rng(0).integers(0, 256, (8, 12, 1), np.uint8).repeat(8, 0).repeat(8, 1).repeat(3, 2)
+    pillow_heif.from_pillow(Image.fromarray(picture)).save(tmp_path / "a.HEIC", quality=100)
+    (file,) = upright_photos(bare_photos(tmp_path), tmp_path / "made")
+    assert np.abs(read_pixels(file).astype(int) - picture).mean() < 8
