@@ -63,11 +63,17 @@ class Colmap:
         (folder / "junk").mkdir()
 
 
+def pretend(monkeypatch: pytest.MonkeyPatch, found: bool | None) -> None:
+    """That pycolmap is installed, or not."""
+    find = importlib.util.find_spec
+    monkeypatch.setattr(importlib.util, "find_spec", lambda name: found if name == "pycolmap" else find(name))
+
+
 @pytest.fixture
 def colmap(monkeypatch: pytest.MonkeyPatch) -> Colmap:
     stand_in = Colmap()
     monkeypatch.setattr(poses, "_run", stand_in)
-    monkeypatch.setattr(poses.importlib.util, "find_spec", lambda _name: True)
+    pretend(monkeypatch, True)
     return stand_in
 
 
@@ -147,7 +153,7 @@ def test_a_workspace_is_needed_for_photos_made_anew(colmap: Colmap, photos: Path
 
 
 def test_without_colmap_the_line_says_what_to_install(photos: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(poses.importlib.util, "find_spec", lambda _name: None)
+    pretend(monkeypatch, None)
     with pytest.raises(InvalidInput) as caught:
         load_capture(photos)
     assert caught.value.refusal == "input-dependency"
