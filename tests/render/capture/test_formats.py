@@ -6,6 +6,7 @@ import struct
 import subprocess
 import sys
 import warnings
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -76,6 +77,22 @@ def test_models_of_parts_that_are_not_read_are_named(tmp_path: Path) -> None:
     with pytest.warns(InputWarning, match=r"one of 2 models .* another: 1"):
         assert_alike(load_cameras(tmp_path), SEVERAL[:1])
     assert_alike(load_cameras(tmp_path / "sparse" / "1"), SEVERAL)
+
+
+def test_text_keeps_names_with_spaces_and_an_image_without_a_line_after_it(tmp_path: Path) -> None:
+    cameras = [replace(camera, name=f"photo {number}.jpg") for number, camera in enumerate(SEVERAL)]
+    listing = files.colmap_text(cameras, tmp_path) / "images.txt"
+    listing.write_text(listing.read_text().rstrip("\n -1.25") + "\n")
+    assert_alike(load_cameras(tmp_path), cameras)
+
+
+@pytest.mark.parametrize("length", [0.5, 1.02, 3.0])
+def test_quaternions_of_any_length_are_rotations(length: float, tmp_path: Path) -> None:
+    (tmp_path / "cameras.txt").write_text("1 PINHOLE 640 480 500 500 320 240\n")
+    half = length / 2**0.5
+    (tmp_path / "images.txt").write_text(f"1 {half} 0 {half} 0 1 2 3 1 a.jpg\n\n")
+    (camera,) = load_cameras(tmp_path)
+    np.testing.assert_allclose(camera.world_to_camera[:3, :3], [[0, 0, 1], [0, 1, 0], [-1, 0, 0]], atol=1e-12)
 
 
 def test_text_files_may_begin_with_a_byte_order_mark(tmp_path: Path) -> None:
