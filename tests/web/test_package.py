@@ -58,8 +58,8 @@ def test_it_is_small(web: Path) -> None:
     dist = web / "dist"
     stream = _loaded(dist, "scar-stream.js")
     assert _gzipped(dist, stream) <= MOST_GZIPPED
-    (drawing,) = (path.name for path in dist.glob("drawing-*.js"))
-    whole = set().union(*(_loaded(dist, name) for name in ("element.js", drawing, "worker.js")))
+    (stage,) = (path.name for path in dist.glob("stage-*.js"))
+    whole = set().union(*(_loaded(dist, name) for name in ("element.js", stage, "worker.js")))
     assert _gzipped(dist, whole) <= MOST_OF_A_VIEWER
     assert _gzipped(dist, _loaded(dist, "worker.js")) <= MOST_OF_A_WORKER
     assert _gzipped(dist, {"scar.wasm"}) <= MOST_OF_THE_MODULE

@@ -2,6 +2,7 @@
 
 import assert from "node:assert/strict";
 import { describe, it } from "node:test";
+import type { Page } from "puppeteer-core";
 import { bare, lit, psnr, until } from "./chromium.js";
 import type { Viewer } from "../src/viewer/viewer.js";
 import { vector } from "./files.js";
@@ -19,6 +20,16 @@ const withViewer = {
     document.addEventListener("scar-viewer", (event) => Object.assign(window, { viewer: (event as CustomEvent).detail }));
   },
 };
+
+/** Drags over the scene, and waits until it is at rest again. */
+async function dragged(page: Page): Promise<void> {
+  await page.mouse.move(240, 180);
+  await page.mouse.down();
+  await page.mouse.move(300, 160);
+  await page.mouse.up();
+  const still = "new Promise((resolve) => setTimeout((seen = viewer.view) => resolve(seen === viewer.view), 200, viewer.view))";
+  await page.waitForFunction(still, { polling: 100 });
+}
 
 describe("the viewer page", () => {
   it("draws a scene, all layers of it, and asks no one else for anything", async () => {
@@ -156,7 +167,7 @@ describe("a page that loads", () => {
     );
   });
 
-  it("draws layer 1 before the library that draws has come, and nearly as that does", async () => {
+  it("draws layer 1 for who looks round before the library that draws has come, and nearly as that does", async () => {
     let release: () => void = () => undefined;
     const held = new Promise<void>((resolve) => (release = resolve));
     await viewing(
@@ -165,6 +176,9 @@ describe("a page that loads", () => {
         await page.evaluate("new Promise((resolve) => requestAnimationFrame(() => requestAnimationFrame(resolve)))");
         assert.deepEqual((await page.evaluate("viewer.stats().tilesAtLayer")) as number[], [24, 0, 0, 0, 0]);
         await bare(page);
+        const seen = await page.evaluate("viewer.view.position.join()");
+        await dragged(page);
+        assert.notEqual(await page.evaluate("viewer.view.position.join()"), seen);
         const sketched = await page.screenshot({ encoding: "base64" });
         release();
         await until(page, "still");
@@ -176,7 +190,7 @@ describe("a page that loads", () => {
       {
         ...withViewer,
         prepare: (_, host) => {
-          host.before = async (name) => (name.startsWith("drawing-") ? held : undefined);
+          host.before = async (name) => (name.startsWith("stage-") ? held : undefined);
         },
       },
     );

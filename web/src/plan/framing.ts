@@ -2,6 +2,7 @@
 
 import type { Front } from "../format/directory.js";
 import type { Camera } from "./types.js";
+import { add, cross, length, unit, upright } from "./vectors.js";
 
 /** A place to look from. */
 export interface View {
@@ -29,6 +30,9 @@ const STEEP = (85 * Math.PI) / 180;
 /** Share of the Gaussians that the middle of a scene has, per axis: what is far away is sky and walls. */
 const CORE = 0.8;
 
+/** Where pictures begin: a length, or that share of the distance to what is looked at. */
+const NEAR = { length: 0.2, share: 0.1 };
+
 /** The view that a file begins with, as its block STREAMING has it (SPEC §7.13). */
 export function viewOfFile(numbers: number[]): View {
   const [px, py, pz, tx, ty, tz, ux, uy, uz, fovY] = numbers;
@@ -42,15 +46,14 @@ export function verticalField(field: number, width: number, height: number): num
 
 /** A view as planners want it, for a picture of so many pixels, before there is anything that draws it. */
 export function cameraOf({ position, target, up, fovY }: View, width: number, height: number): Camera {
-  const forward = unit([0, 1, 2].map((i) => target[i] - position[i]));
-  const along = forward.reduce((sum, x, i) => sum + x * up[i], 0);
-  const upright = unit(up.map((x, i) => x - along * forward[i]));
-  return { position: [...position], forward, up: upright, fovY: verticalField(fovY, width, height), width, height };
+  const forward = unit(add(target, position, -1));
+  const upward = cross(upright(forward, up), forward);
+  return { position: [...position], forward, up: upward, fovY: verticalField(fovY, width, height), width, height };
 }
 
-function unit(vector: number[]): [number, number, number] {
-  const length = Math.hypot(...vector) || 1;
-  return vector.map((x) => x / length) as [number, number, number];
+/** How far from the eye a picture begins, world lengths: where INRIA's renderer begins, nearer in small scenes. */
+export function nearestDrawn({ position, target }: View): number {
+  return Math.min(NEAR.length, NEAR.share * length(add(target, position, -1)));
 }
 
 /**

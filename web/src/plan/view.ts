@@ -3,6 +3,7 @@
 import type { Point } from "../decoder/types.js";
 import type { Boxes } from "./boxes.js";
 import type { Camera } from "./types.js";
+import { cross, dot, unit } from "./vectors.js";
 
 /** How far ahead a moving camera is planned for. */
 const AHEAD_SECONDS = 0.5;
@@ -68,25 +69,12 @@ function placesSeen({ forward, right, up, wide, tall }: Picture, away: Point, si
 
 /** 1 or 0 where a ball around all places is in the picture or beside it, null where that does not tell. */
 function wholly({ forward, right, up, wide, tall }: Picture, away: Point, size: Point): number | null {
-  const deep = along(away, forward);
-  const across = Math.abs(along(away, right)) - wide * deep;
-  const above = Math.abs(along(away, up)) - tall * deep;
+  const deep = dot(away, forward);
+  const across = Math.abs(dot(away, right)) - wide * deep;
+  const above = Math.abs(dot(away, up)) - tall * deep;
   // Rounding may not decide.
-  const radius = Math.sqrt(along(size, size)) + NEARLY * Math.sqrt(along(away, away));
+  const radius = Math.sqrt(dot(size, size)) + NEARLY * Math.sqrt(dot(away, away));
   const [aside, over] = [radius * Math.sqrt(1 + wide * wide), radius * Math.sqrt(1 + tall * tall)];
   if (deep < -radius || across > aside || above > over) return 0;
   return deep > radius && across < -aside && above < -over ? 1 : null;
-}
-
-function along(a: Point, b: Point): number {
-  return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
-}
-
-export function unit([x, y, z]: Point): Point {
-  const length = Math.sqrt(x * x + y * y + z * z);
-  return [x / length, y / length, z / length];
-}
-
-export function cross([ax, ay, az]: Point, [bx, by, bz]: Point): Point {
-  return [ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx];
 }

@@ -1,45 +1,70 @@
-/** The camera and what moves it: turning round a point, and flying. */
+/**
+ * Where the eye is, and what moves it: turning round a point, moving, coming nearer, flying. It needs no library, so that
+ * one can look round before what draws all layers has come.
+ */
 
-import * as THREE from "three";
-import { OrbitControls } from "three/addons/controls/OrbitControls.js";
+import type { Point } from "../decoder/types.js";
+import { cameraOf, type View } from "../plan/framing.js";
+import { add, cross, dot, length, turn, unit, upright } from "../plan/vectors.js";
 
-import { type View, verticalField } from "../plan/framing.js";
+/**
+ * Round what is looked at, radians; along right, up and back of the camera, in distances to what is looked at; nearer, as
+ * the natural logarithm of the distance.
+ */
+type Motion = [azimuth: number, polar: number, right: number, up: number, back: number, nearer: number];
 
-/** Directions of flight, in the axes of the camera: right, up, back. */
-const FLIGHT: Record<string, [number, number, number]> = {
-  KeyW: [0, 0, -1],
-  KeyS: [0, 0, 1],
-  KeyA: [-1, 0, 0],
-  KeyD: [1, 0, 0],
-  KeyE: [0, 1, 0],
-  KeyQ: [0, -1, 0],
-};
-/** Turns, in radians a second: azimuth and polar angle. */
-const TURNS: Record<string, [number, number]> = {
-  ArrowLeft: [-1, 0],
-  ArrowRight: [1, 0],
-  ArrowUp: [0, 1],
-  ArrowDown: [0, -1],
-};
-/** Lengths a second in flight, as a share of the distance to what is looked at; Shift: four times that. */
+/** Speed of flight. */
 const SPEED = 0.6;
-/** The frustum begins where INRIA's renderer begins, in world lengths; in small scenes at that share of the first distance. */
-const NEAR = { length: 0.2, share: 0.1 };
-/** It ends at so many times where it begins. */
-const FAR = 1e6;
-/** A smaller move of the camera, as a share of the distance to what is looked at or of its quaternion, is rounding. */
-const ROUNDING = 1e-9;
+/** What keys do in a second, with Shift so many times that. */
+const KEYS: Record<string, Motion> = {
+  ArrowLeft: [-1, 0, 0, 0, 0, 0],
+  ArrowRight: [1, 0, 0, 0, 0, 0],
+  ArrowUp: [0, 1, 0, 0, 0, 0],
+  ArrowDown: [0, -1, 0, 0, 0, 0],
+  KeyA: [0, 0, -SPEED, 0, 0, 0],
+  KeyD: [0, 0, SPEED, 0, 0, 0],
+  KeyE: [0, 0, 0, SPEED, 0, 0],
+  KeyQ: [0, 0, 0, -SPEED, 0, 0],
+  KeyW: [0, 0, 0, 0, -SPEED, 0],
+  KeyS: [0, 0, 0, 0, SPEED, 0],
+};
+const FAST = 4;
+/** Once round in half a minute. */
+const AUTO_ROTATION: Motion = [(2 * Math.PI) / 30, 0, 0, 0, 0, 0];
+/** A drag over the height of the picture turns once round. */
+const DRAG = 2 * Math.PI;
+/** Of a pixel of a wheel; fingers on a touchpad that move apart are told as a wheel with Ctrl, in smaller steps. */
+const WHEEL = 1e-3;
+const PINCH = 1e-2;
+/** Pixels of a step of a wheel, by `deltaMode`. */
+const STEPS = [1, 16, 400];
+/** What is left of a motion after so many seconds is 1/e, and nothing where that is below what one sees. */
+const RUN_OUT = 0.08;
+const UNSEEN = 1e-4;
+/** How near the eye comes to the line through what is looked at that is up, radians. */
+const LEAST_POLAR = 0.02;
+/** Longest step between two frames, seconds. */
+const LONGEST = 0.1;
+
+const STILL: Motion = [0, 0, 0, 0, 0, 0];
+const START: View = { position: [0, 0, -1], target: [0, 0, 0], up: [0, -1, 0], fovY: 1 };
 
 export class Pilot {
-  readonly camera = new THREE.PerspectiveCamera();
   /** Whether someone has moved since the last `place`. */
   moved = false;
-  #controls: OrbitControls;
+  #view = START;
+  #turning = false;
+  /** What is still to be moved. */
+  #rest = STILL;
   readonly #held = new Set<string>();
-  /** As a view has it. */
-  #field = 1;
   #fast = false;
   #at = 0;
+  /** Pointers that are down, by number: where they are. */
+  readonly #pointers = new Map<number, [x: number, y: number]>();
+  /** Whether one pointer turns, and does not move. */
+  #turns = true;
+  /** Towards what the eye comes nearer: slopes of the line of sight through it, to the right and upwards. */
+  #towards: [number, number] = [0, 0];
 
   /**
    * @param surface what is dragged on, and has the focus for keys
@@ -49,138 +74,151 @@ export class Pilot {
     private readonly surface: HTMLElement,
     private readonly onMove: () => void,
   ) {
-    this.#controls = this.#makeControls();
-    surface.addEventListener("keydown", (event) => this.#press(event, true));
-    surface.addEventListener("keyup", (event) => this.#press(event, false));
+    surface.addEventListener("pointerdown", (event) => this.#press(event));
+    surface.addEventListener("pointermove", (event) => this.#drag(event));
+    for (const end of ["pointerup", "pointercancel"] as const) {
+      surface.addEventListener(end, ({ pointerId }) => this.#pointers.delete(pointerId));
+    }
+    surface.addEventListener("wheel", (event) => this.#wheel(event), { passive: false });
+    surface.addEventListener("contextmenu", (event) => event.preventDefault());
+    surface.addEventListener("keydown", (event) => this.#key(event, true));
+    surface.addEventListener("keyup", (event) => this.#key(event, false));
     surface.addEventListener("blur", () => this.#held.clear());
   }
 
+  /** Where the eye is now. */
+  get view(): View {
+    return this.#view;
+  }
+
   /** Goes to a view at once. */
-  place({ position, target, up, fovY }: View): void {
-    const turned = !this.camera.up.equals(new THREE.Vector3(...up));
-    this.camera.up.set(...up);
-    this.#field = fovY;
+  place(view: View): void {
+    this.#view = view;
+    this.#rest = STILL;
     this.moved = false;
-    // OrbitControls takes the direction that is up when it is made.
-    if (turned) {
-      this.#controls.dispose();
-      this.#controls = this.#makeControls();
-    }
-    this.#stop();
-    this.camera.position.set(...position);
-    this.#controls.target.set(...target);
-    this.camera.near = Math.min(NEAR.length, NEAR.share * this.camera.position.distanceTo(this.#controls.target));
-    this.camera.far = FAR * this.camera.near;
-    this.#controls.update();
     this.onMove();
   }
 
   /** Turns slowly round what is looked at, until someone takes hold of it. */
   get autoRotate(): boolean {
-    return this.#controls.autoRotate;
+    return this.#turning;
   }
 
-  set autoRotate(turns: boolean) {
-    this.#controls.autoRotate = turns;
+  set autoRotate(turning: boolean) {
+    this.#turning = turning;
     this.onMove();
   }
 
-  /** Where the eye is now. */
-  view(): View {
-    const { position, up } = this.camera;
-    const target = this.#controls.target.toArray();
-    return { position: position.toArray(), target, up: up.toArray(), fovY: this.#field };
-  }
-
-  /** Fits the lens to a picture: one that is higher than wide has its field across, so that nothing is cut off. */
-  fit(width: number, height: number): void {
-    this.camera.aspect = width / Math.max(height, 1);
-    this.camera.fov = (verticalField(this.#field, width, height) * 180) / Math.PI;
-    this.camera.updateProjectionMatrix();
-  }
-
-  /** Moves on; true while keys are held or a turn runs out. */
+  /** Moves on; true while keys are held or a motion runs out. @param now milliseconds */
   advance(now: number): boolean {
-    const seconds = Math.min(Math.max((now - this.#at) / 1000, 1e-3), 0.1);
+    const seconds = Math.min(Math.max((now - this.#at) / 1000, 0), LONGEST);
     this.#at = now;
-    const flies = this.#fly(seconds);
-    const [position, quaternion] = [this.camera.position.clone(), this.camera.quaternion.clone()];
-    const changed = this.#controls.update(seconds) || flies;
-    if (!flies) this.#rest(position, quaternion);
-    this.camera.updateMatrixWorld();
-    return changed;
+    for (const code of this.#held) this.#add(KEYS[code], seconds * (this.#fast ? FAST : 1));
+    if (this.#turning) this.#move(times(AUTO_ROTATION, seconds));
+    const runsOut = this.#rest.some((x) => x !== 0);
+    if (runsOut) {
+      const unseen = this.#rest.every((x) => Math.abs(x) < UNSEEN);
+      const part = times(this.#rest, unseen ? 1 : 1 - Math.exp(-seconds / RUN_OUT));
+      this.#rest = plus(this.#rest, times(part, -1));
+      this.#move(part);
+    }
+    return runsOut || this.#turning || this.#held.size > 0;
   }
 
-  /** Undoes what is rounding of the controls alone: the renderer sorts anew for any other camera. */
-  #rest(position: THREE.Vector3, quaternion: THREE.Quaternion): void {
-    const distance = this.camera.position.distanceTo(this.#controls.target);
-    if (this.camera.position.distanceTo(position) > ROUNDING * distance) return;
-    // Not the angle between them: its cosine rounds to 1 from 1e-8 down.
-    const turn = this.camera.quaternion.toArray().map((x, i) => Math.abs(x - quaternion.toArray()[i]));
-    if (Math.max(...turn) > ROUNDING) return;
-    this.camera.position.copy(position);
-    this.camera.quaternion.copy(quaternion);
+  #add(motion: Motion, scale = 1): void {
+    this.#rest = plus(this.#rest, times(motion, scale));
   }
 
-  dispose(): void {
-    this.#controls.dispose();
+  #move([azimuth, polar, right, up, back, nearer]: Motion): void {
+    const { position, target } = this.#view;
+    const arm = this.#turned(add(position, target, -1), azimuth, polar);
+    const distance = length(arm);
+    const { forward, up: upward } = cameraOf({ ...this.#view, position: add(target, arm) }, 1, 1);
+    const across = cross(forward, upward);
+    const shift = add(add(add([0, 0, 0], across, right), upward, up), forward, -back);
+    // What lies under the pointer stays there, as far away as what is looked at.
+    const scale = Math.exp(-nearer);
+    const aside = add(add([0, 0, 0], across, this.#towards[0]), upward, this.#towards[1]);
+    const middle = add(add(target, shift, distance), aside, (1 - scale) * distance);
+    this.#view = { ...this.#view, target: middle, position: add(middle, arm, scale) };
   }
 
-  /** Ends what a turn has still to run out. */
-  #stop(): void {
-    this.#controls.enableDamping = false;
-    this.#controls.update();
-    this.#controls.enableDamping = true;
+  /** Turns the arm from what is looked at to the eye. */
+  #turned(arm: Point, azimuth: number, polar: number): Point {
+    const up = unit(this.#view.up);
+    const level = turn(arm, up, azimuth);
+    if (polar === 0) return level;
+    const aside = upright(up, level);
+    const angle = Math.atan2(length(cross(up, level)), dot(up, level));
+    const most = angle - LEAST_POLAR;
+    return turn(level, aside, -Math.min(Math.max(polar, most - Math.PI + 2 * LEAST_POLAR), most));
   }
 
-  #makeControls(): OrbitControls {
-    const controls = new OrbitControls(this.camera, this.surface);
-    controls.enableDamping = true;
-    controls.dampingFactor = 0.15;
-    controls.zoomToCursor = true;
-    controls.addEventListener("change", this.onMove);
-    controls.addEventListener("start", () => {
-      this.moved = true;
-      controls.autoRotate = false;
-    });
-    return controls;
-  }
-
-  #press(event: KeyboardEvent, down: boolean): void {
-    this.#fast = event.shiftKey;
-    if (event.ctrlKey || event.metaKey || event.altKey || !(event.code in FLIGHT || event.code in TURNS)) return;
-    event.preventDefault();
+  #takeHold(): void {
     this.moved = true;
+    this.#turning = false;
+    this.onMove();
+  }
+
+  #press({ pointerId, offsetX, offsetY, button, shiftKey, ctrlKey, metaKey }: PointerEvent): void {
+    this.surface.setPointerCapture(pointerId);
+    this.#pointers.set(pointerId, [offsetX, offsetY]);
+    this.#turns = button === 0 && !shiftKey && !ctrlKey && !metaKey;
+    this.#takeHold();
+  }
+
+  #drag({ pointerId, offsetX, offsetY }: PointerEvent): void {
+    if (!this.#pointers.has(pointerId)) return;
+    const before = grip([...this.#pointers.values()]);
+    this.#pointers.set(pointerId, [offsetX, offsetY]);
+    const now = grip([...this.#pointers.values()]);
+    const { clientWidth: width, clientHeight: height } = this.surface;
+    const [x, y] = [now.x - before.x, now.y - before.y].map((pixels) => pixels / height);
+    const seen = 2 * Math.tan(cameraOf(this.#view, width, height).fovY / 2);
+    if (this.#pointers.size === 1 && this.#turns) this.#add([-DRAG * x, DRAG * y, 0, 0, 0, 0]);
+    else this.#add([0, 0, -seen * x, seen * y, 0, 0]);
+    if (before.spread > 0 && now.spread > 0) {
+      this.#point(now.x, now.y);
+      this.#add([0, 0, 0, 0, 0, Math.log(now.spread / before.spread)]);
+    }
+    this.#takeHold();
+  }
+
+  #wheel(event: WheelEvent): void {
+    event.preventDefault();
+    this.#point(event.offsetX, event.offsetY);
+    this.#add([0, 0, 0, 0, 0, -event.deltaY * STEPS[event.deltaMode] * (event.ctrlKey ? PINCH : WHEEL)]);
+    this.#takeHold();
+  }
+
+  /** Says towards what the eye comes nearer: a pixel of the surface. */
+  #point(x: number, y: number): void {
+    const { clientWidth: width, clientHeight: height } = this.surface;
+    const slope = Math.tan(cameraOf(this.#view, width, height).fovY / 2) / (height / 2);
+    this.#towards = [slope * (x - width / 2), slope * (height / 2 - y)];
+  }
+
+  #key(event: KeyboardEvent, down: boolean): void {
+    this.#fast = event.shiftKey;
+    if (event.ctrlKey || event.metaKey || event.altKey || !(event.code in KEYS)) return;
+    event.preventDefault();
     if (down) this.#held.add(event.code);
     else this.#held.delete(event.code);
-    this.onMove();
+    this.#takeHold();
   }
+}
 
-  #fly(seconds: number): boolean {
-    const step = new THREE.Vector3();
-    const spherical = new THREE.Vector2();
-    for (const code of this.#held) {
-      if (code in FLIGHT) step.add(new THREE.Vector3(...FLIGHT[code]));
-      if (code in TURNS) spherical.add(new THREE.Vector2(...TURNS[code]));
-    }
-    if (step.lengthSq() + spherical.lengthSq() === 0) return false;
-    const reach = this.camera.position.distanceTo(this.#controls.target);
-    step.applyQuaternion(this.camera.quaternion).multiplyScalar(SPEED * reach * seconds * (this.#fast ? 4 : 1));
-    this.camera.position.add(step);
-    this.#controls.target.add(step);
-    this.#turn(spherical.multiplyScalar(seconds));
-    return true;
-  }
+function plus(a: Motion, b: Motion): Motion {
+  return a.map((x, i) => x + b[i]) as Motion;
+}
 
-  /** Turns the eye round what it looks at. */
-  #turn({ x, y }: THREE.Vector2): void {
-    if (x === 0 && y === 0) return;
-    const { target } = this.#controls;
-    const arm = this.camera.position.clone().sub(target);
-    arm.applyAxisAngle(this.camera.up, x);
-    const right = new THREE.Vector3().crossVectors(this.camera.up, arm).normalize();
-    const polar = arm.angleTo(this.camera.up);
-    arm.applyAxisAngle(right, -Math.min(Math.max(y, polar - Math.PI + 0.05), polar - 0.05));
-    this.camera.position.copy(target).add(arm);
-  }
+function times(motion: Motion, scale: number): Motion {
+  return motion.map((x) => x * scale) as Motion;
+}
+
+/** The middle of some places, and how far two of them are apart; 0 of one. */
+function grip(places: [x: number, y: number][]): { x: number; y: number; spread: number } {
+  const middle = (axis: number) => places.reduce((sum, place) => sum + place[axis], 0) / places.length;
+  const [[x, y], [otherX, otherY] = [x, y]] = places;
+  return { x: middle(0), y: middle(1), spread: Math.hypot(x - otherX, y - otherY) };
 }

@@ -6,9 +6,9 @@
 import type { PackedTile } from "../decoder/types.js";
 import { UNPACK_GLSL } from "../pack/unpack_glsl.js";
 import type { Front } from "../format/directory.js";
-import { cameraOf, type View } from "../plan/framing.js";
+import { cameraOf, nearestDrawn, type View } from "../plan/framing.js";
 import type { Camera } from "../plan/types.js";
-import { cross, unit } from "../plan/view.js";
+import { cross } from "../plan/vectors.js";
 
 /** Texels in a row of the texture, of which a Gaussian has two. */
 const WIDTH = 2048;
@@ -32,6 +32,7 @@ const VERTEX = `#version 300 es
   uniform mat3 axes;
   uniform vec3 eye;
   uniform float focal;
+  uniform float nearest;
   uniform vec2 size;
   uniform bool antialiased;
   in uint place;
@@ -51,7 +52,7 @@ const VERTEX = `#version 300 es
     vec3 centre = (scarCentre(first) - eye) * axes;
     colour = scarColour(last);
     gl_Position = vec4(0.0, 0.0, 2.0, 1.0);
-    if (centre.z < 0.2 || colour.a < 1.0 / 255.0) return;
+    if (centre.z < nearest || colour.a < 1.0 / 255.0) return;
     vec3 scales = scarScales(first, last);
     mat3 shape = transpose(axes) * rotation(scarQuaternion(last)) * mat3(scales.x, 0, 0, 0, scales.y, 0, 0, 0, scales.z);
     vec2 farthest = 1.3 * size / (2.0 * focal);
@@ -178,8 +179,7 @@ export class Sketch {
     const [width, height] = [canvas.clientWidth, canvas.clientHeight].map((size) => Math.floor(size * pixelRatio()));
     if (canvas.width !== width || canvas.height !== height) Object.assign(canvas, { width, height });
     const { position, forward, up, fovY } = cameraOf(view, width, height);
-    const right = unit(cross(forward, up));
-    const upward = cross(right, forward);
+    const right = cross(forward, up);
     gl.bindFramebuffer(gl.FRAMEBUFFER, null);
     gl.viewport(0, 0, width, height);
     gl.disable(gl.SCISSOR_TEST);
@@ -195,9 +195,10 @@ export class Sketch {
     gl.activeTexture(gl.TEXTURE0);
     gl.bindTexture(gl.TEXTURE_2D, this.#texture);
     const uniform = (name: string) => gl.getUniformLocation(this.#program, name);
-    gl.uniformMatrix3fv(uniform("axes"), false, [...right, ...upward, ...forward]);
+    gl.uniformMatrix3fv(uniform("axes"), false, [...right, ...up, ...forward]);
     gl.uniform3fv(uniform("eye"), position);
     gl.uniform1f(uniform("focal"), height / (2 * Math.tan(fovY / 2)));
+    gl.uniform1f(uniform("nearest"), nearestDrawn(view));
     gl.uniform2f(uniform("size"), width, height);
     gl.uniform1i(uniform("antialiased"), Number(this.#antialiased));
     gl.bindVertexArray(this.#vertices);

@@ -1,15 +1,20 @@
-/** A canvas and what is drawn in it: one scene, by three.js and Spark. */
+/** A canvas and what is drawn in it: one scene, by three.js and Spark, which are large and loaded after layer 1. */
 
 import * as THREE from "three";
 
 import { ScarScene } from "../adapters/three.js";
 import type { PackedTile } from "../decoder/types.js";
+import { nearestDrawn, verticalField, type View } from "../plan/framing.js";
 import type { Feed } from "../stream/feed.js";
 import { contextOf, pixelRatio } from "./sketch.js";
+
+/** A picture ends at so many times where it begins. */
+const FAR = 1e6;
 
 export class Stage {
   readonly #renderer: THREE.WebGLRenderer;
   readonly #scene = new THREE.Scene();
+  readonly #camera = new THREE.PerspectiveCamera();
   #shown: ScarScene | null = null;
   #lost = false;
 
@@ -49,21 +54,21 @@ export class Stage {
   }
 
   /** Draws a frame; true if another one is needed for what has come. */
-  draw(camera: THREE.PerspectiveCamera): boolean {
+  draw(view: View): boolean {
     if (this.#lost) return false;
     const { clientWidth, clientHeight } = this.canvas;
     const size = this.#renderer.getSize(new THREE.Vector2());
     if (size.x !== clientWidth || size.y !== clientHeight) this.#renderer.setSize(clientWidth, clientHeight, false);
-    this.#renderer.render(this.#scene, camera);
+    this.#render(view, clientWidth, clientHeight);
     return this.#shown?.busy ?? false;
   }
 
   /** A picture of so many pixels of what is drawn now; the next `draw` goes back to the page's. */
-  shoot(camera: THREE.PerspectiveCamera, width: number, height: number, type: string): Promise<Blob> {
+  shoot(view: View, width: number, height: number, type: string): Promise<Blob> {
     const ratio = this.#renderer.getPixelRatio();
     this.#renderer.setPixelRatio(1);
     this.#renderer.setSize(width, height, false);
-    this.#renderer.render(this.#scene, camera);
+    this.#render(view, width, height);
     // Browsers take the picture before the next frame, whatever its size is then.
     const picture = new Promise<Blob>((resolve, reject) => {
       this.canvas.toBlob((blob) => (blob === null ? reject(new Error(`no picture of type ${type}`)) : resolve(blob)), type);
@@ -75,6 +80,19 @@ export class Stage {
   /** To be called where something else has drawn on the canvas. */
   reset(): void {
     this.#renderer.resetState();
+  }
+
+  #render(view: View, width: number, height: number): void {
+    const camera = this.#camera;
+    camera.position.set(...view.position);
+    camera.up.set(...view.up);
+    camera.lookAt(...view.target);
+    camera.aspect = width / Math.max(height, 1);
+    camera.fov = THREE.MathUtils.radToDeg(verticalField(view.fovY, width, height));
+    camera.near = nearestDrawn(view);
+    camera.far = FAR * camera.near;
+    camera.updateProjectionMatrix();
+    this.#renderer.render(this.#scene, camera);
   }
 
   dispose(): void {

@@ -8,7 +8,7 @@ import type { Stats } from "../stream/scar_stream.js";
 import type { SourceLike } from "../stream/source.js";
 import { cameraOf, sideViews, type View } from "../plan/framing.js";
 import { FrameRate } from "./frame_rate.js";
-import type { Pilot } from "./pilot.js";
+import { Pilot } from "./pilot.js";
 import { Sketch } from "./sketch.js";
 import type { Stage } from "./stage.js";
 
@@ -62,8 +62,6 @@ export interface ViewerEvents {
 /** What is left of a sketch once the stage can draw, milliseconds. */
 const SKETCH_MS = 15_000;
 
-type Drawing = typeof import("./drawing.js");
-
 const LABEL = "3D scene. Drag or arrow keys: turn; right button or two fingers: move; wheel: nearer; W A S D Q E: fly.";
 const ALL_DEGREES = 3;
 
@@ -72,9 +70,9 @@ export class Viewer {
   readonly #emitter = new Emitter<ViewerEvents>();
   readonly #resized = new ResizeObserver(() => this.#needFrame());
   #feed: Feed | null = null;
-  /** Null until they have come. */
+  readonly #pilot = new Pilot(this.canvas, () => this.#needFrame());
+  /** Null until it has come. */
   #stage: Stage | null = null;
-  #pilot: Pilot | null = null;
   #home: View | null = null;
   /** Whether someone chose where to look from, so that the file does not. */
   #chosen: boolean;
@@ -83,7 +81,6 @@ export class Viewer {
   #state: ViewerState = "empty";
   #shDegree = ALL_DEGREES;
   #background: string;
-  #turns: boolean;
   /** Draws layer 1 until the stage does. */
   #sketch: Sketch | null = null;
   /** When the sketch goes although the stage does not have all that it shows. */
@@ -101,14 +98,14 @@ export class Viewer {
   constructor(private readonly options: ViewerOptions) {
     const { container, url, background = "#000", autoRotate = false, poster } = options;
     this.#background = background;
-    this.#turns = autoRotate;
+    this.#pilot.autoRotate = autoRotate;
     this.#chosen = options.view !== undefined;
     Object.assign(this.canvas, { tabIndex: 0, role: "application", ariaLabel: LABEL });
     this.canvas.style.cssText = `display: block; width: 100%; height: 100%; touch-action: none; background: ${background}`;
     if (poster !== undefined) this.#hang(poster);
     container.append(this.canvas);
     this.#resized.observe(this.canvas);
-    if (url === undefined) this.#fetchDrawing();
+    if (url === undefined) this.#fetchStage();
     else this.open(url);
   }
 
@@ -129,7 +126,7 @@ export class Viewer {
       this.#emitter.emit("front", front);
     });
     feed.on("opening", (view) => {
-      if (!this.#chosen && this.#pilot?.moved !== true) this.#goHome(view);
+      if (!this.#chosen && !this.#pilot.moved) this.#goHome(view);
     });
     feed.on("thumbnail", (picture) => {
       if (this.options.poster !== undefined || this.#uncovered) return;
@@ -161,14 +158,13 @@ export class Viewer {
 
   /** Where the eye is; null before the file has said where to begin. */
   get view(): View | null {
-    return this.#home === null ? null : (this.#pilot?.view() ?? this.#home);
+    return this.#home === null ? null : this.#pilot.view;
   }
 
   set view(view: View) {
     this.#chosen = true;
     this.#home ??= view;
-    this.#pilot?.place(view);
-    this.#needFrame();
+    this.#pilot.place(view);
   }
 
   /** Where it began, "start" of `views`; set, it goes there. */
@@ -220,12 +216,11 @@ export class Viewer {
 
   /** Whether it turns by itself; ends when someone takes hold of the scene. */
   get autoRotate(): boolean {
-    return this.#pilot?.autoRotate ?? this.#turns;
+    return this.#pilot.autoRotate;
   }
 
   set autoRotate(turns: boolean) {
-    this.#turns = turns;
-    if (this.#pilot !== null) this.#pilot.autoRotate = turns;
+    this.#pilot.autoRotate = turns;
   }
 
   stats(): ViewerStats | null {
@@ -235,10 +230,8 @@ export class Viewer {
 
   /** The picture as it is now, of the size that it has on the page unless given. Rejects before there is one. */
   async screenshot({ width = this.canvas.width, height = this.canvas.height, type = "image/png" } = {}): Promise<Blob> {
-    const [stage, pilot] = [this.#stage, this.#pilot];
-    if (stage === null || pilot === null) throw new Error("nothing is drawn yet");
-    pilot.fit(width, height);
-    const picture = stage.shoot(pilot.camera, width, height, type);
+    if (this.#stage === null) throw new Error("nothing is drawn yet");
+    const picture = this.#stage.shoot(this.#pilot.view, width, height, type);
     this.#needFrame();
     return picture;
   }
@@ -256,18 +249,17 @@ export class Viewer {
     this.#emitter.clear();
     this.#feed?.close();
     this.#dropSketch();
-    this.#pilot?.dispose();
     this.#stage?.dispose();
     this.#dropThumbnail();
     this.canvas.remove();
   }
 
   /** Three.js and Spark, which are larger than layer 1: they come after it. */
-  #fetchDrawing(): void {
+  #fetchStage(): void {
     if (this.#asked) return;
     this.#asked = true;
-    import("./drawing.js").then(
-      (drawing) => this.#disposed || this.#begin(drawing),
+    import("./stage.js").then(
+      (loaded) => this.#disposed || this.#begin(loaded),
       (cause: unknown) => this.#fail(cause),
     );
   }
@@ -275,7 +267,7 @@ export class Viewer {
   /** Null where a sketch cannot be drawn, so that what draws better has to say why. */
   #makeSketch({ front }: Feed): Sketch | null {
     if (this.#sketch === null && !this.#asked && front !== null) this.#sketch = Sketch.of(this.canvas, front);
-    if (this.#sketch === null) this.#fetchDrawing();
+    if (this.#sketch === null) this.#fetchStage();
     return this.#sketch;
   }
 
@@ -297,27 +289,29 @@ export class Viewer {
     this.#stage?.reset();
   }
 
-  #begin({ Pilot, Stage }: Drawing): void {
-    this.#pilot = new Pilot(this.canvas, () => this.#needFrame());
+  #begin({ Stage }: typeof import("./stage.js")): void {
     try {
       this.#stage = new Stage(this.canvas, ({ tile, layer }) => this.#onWritten(tile, layer));
     } catch (cause) {
       return this.#fail(cause);
     }
-    this.#pilot.autoRotate = this.#turns;
     this.#sketchEnds = performance.now() + SKETCH_MS;
     if (this.#uncovered) this.#paint();
     if (this.#feed !== null) this.#stage.show(this.#feed);
     this.#stage.shDegree = this.#shDegree;
-    if (this.#home !== null) this.#goHome(this.#home);
+    this.#needFrame();
   }
 
   #goHome(view: View): void {
     this.#home = view;
-    this.#pilot?.place(view);
-    const { clientWidth, clientHeight } = this.canvas;
-    if (this.#pilot === null && clientHeight > 0) this.#feed?.look(cameraOf(view, clientWidth, clientHeight));
-    this.#needFrame();
+    this.#pilot.place(view);
+    this.#look();
+  }
+
+  /** Tells what is looked at; where the stage draws, that does. */
+  #look(): void {
+    const [{ clientWidth, clientHeight }, view] = [this.canvas, this.view];
+    if (this.#stage === null && view !== null && clientHeight > 0) this.#feed?.look(cameraOf(view, clientWidth, clientHeight));
   }
 
   #onWritten(tile: number, layer: number): void {
@@ -326,7 +320,7 @@ export class Viewer {
 
   /** What is behind the canvas is the page's, and no poster, once layer 1 covers it or someone looks from elsewhere. */
   #uncover(): void {
-    const covered = this.#feed?.begun === true || this.#chosen || this.#pilot?.moved === true;
+    const covered = this.#feed?.begun === true || this.#chosen || this.#pilot.moved;
     if (this.#uncovered || !covered) return;
     this.#uncovered = true;
     this.#paint();
@@ -363,23 +357,22 @@ export class Viewer {
 
   #draw(now: number): void {
     this.#frame = 0;
-    const [stage, pilot] = [this.#stage, this.#pilot];
-    const { clientWidth, clientHeight } = this.canvas;
-    let [busy, lacks] = [false, true];
-    if (this.#feed?.begun === true) this.#fetchDrawing();
-    if (stage !== null && pilot !== null && clientHeight > 0) {
-      const moves = pilot.advance(now);
-      pilot.fit(clientWidth, clientHeight);
-      lacks = stage.draw(pilot.camera);
-      busy = lacks || moves;
-      if (moves && this.#home !== null) this.#emitter.emit("view", pilot.view());
+    if (this.#feed?.begun === true) this.#fetchStage();
+    this.#uncover();
+    const moves = this.#uncovered && this.#home !== null && this.#pilot.advance(now);
+    if (moves) {
+      this.#look();
+      this.#emitter.emit("view", this.#pilot.view);
+    }
+    let lacks = this.#stage === null;
+    if (this.canvas.clientHeight > 0) {
+      lacks = this.#stage?.draw(this.#pilot.view) ?? true;
+      this.#drawSketch(lacks, now);
       this.#frames.add(now);
     }
-    if (clientHeight > 0) this.#drawSketch(lacks, now);
-    this.#uncover();
-    this.#tellState(busy || stage === null);
+    this.#tellState(lacks || moves);
     this.#emitter.emit("frame", null);
-    if (busy) this.#needFrame();
+    if (moves || (lacks && this.#stage !== null)) this.#needFrame();
   }
 
   #tellState(busy: boolean): void {
