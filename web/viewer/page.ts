@@ -24,8 +24,6 @@ const TWO = 2;
 const ALL_DEGREES = 3;
 /** Without an answer for so long, the page says whom it waits for. */
 const PATIENCE_MS = 2500;
-/** In lower frames the panel would hide the scene. */
-const LEAST_HEIGHT = 420;
 /** The page's state is the first of these that a viewer has. */
 const STATES: ViewerState[] = ["loading", "reading", "drawing", "failed", "still", "empty"];
 
@@ -207,7 +205,6 @@ function linked(text: string): Origin {
 
 const page = new Page();
 document.body.classList.toggle("noui", said.has("noui"));
-document.body.classList.toggle("folded", innerHeight < LEAST_HEIGHT);
 listen(page, (files, links) => page.open(origins(files, links)));
 /** In a page of one file. */
 const { scene } = (globalThis as { scarFiles?: { scene: File } }).scarFiles ?? {};

@@ -3,10 +3,11 @@
 import type { Viewer } from "../src/viewer/viewer.js";
 
 const NUMBER = new Intl.NumberFormat("en");
+/** In smaller windows an open panel would hide the scene. */
+const ROOMY = "(min-width: 641px) and (min-height: 421px)";
 
 export class Panel {
-  readonly element = document.createElement("section");
-  readonly #title = document.createElement("h2");
+  readonly element = document.createElement("details");
   readonly #table = document.createElement("tbody");
   readonly #slider = document.createElement("input");
   readonly #sum = document.createElement("p");
@@ -18,13 +19,15 @@ export class Panel {
   ) {
     this.element.className = "panel";
     this.element.hidden = true;
-    this.#title.textContent = this.#title.title = name;
+    this.element.open = matchMedia(ROOMY).matches;
+    const title = document.createElement("summary");
+    title.textContent = title.title = name;
     const table = document.createElement("table");
     table.append(this.#table);
     this.#sum.className = "sum";
     Object.assign(this.#slider, { type: "range", min: "1", step: "1", ariaLabel: "Layers" });
     this.#slider.addEventListener("input", () => this.wish(Number(this.#slider.value)));
-    this.element.append(this.#title, table, this.#slider, this.#sum);
+    this.element.append(title, table, this.#slider, this.#sum);
   }
 
   /** Asks for so many layers. */
@@ -72,7 +75,7 @@ export class Panel {
     const decoding = `${(decodeMs / 1000).toFixed(1)} s decoding`;
     const parts = [`${NUMBER.format(splatsShown)} Gaussians`, ...rate, read, decoding];
     // Lines break between two numbers only.
-    this.#sum.textContent = parts.map((part) => part.replaceAll(" ", "\u00a0")).join(" · ");
+    this.#sum.textContent = parts.map((part) => part.replaceAll(" ", "\u00a0")).join(", ");
   }
 }
 

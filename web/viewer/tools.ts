@@ -27,7 +27,6 @@ export function listen(page: Page, open: (files: Iterable<File>, links?: string[
     upward: ["KeyU", () => page.turnUpward()],
     picture: ["KeyI", () => void page.shoot()],
     link: ["KeyL", () => void page.link().then(note)],
-    fold: ["KeyP", () => document.body.classList.toggle("folded")],
     help: ["", () => toggleHelp()],
     again: ["", () => page.again()],
   };
@@ -37,6 +36,7 @@ export function listen(page: Page, open: (files: Iterable<File>, links?: string[
   views.onchange = () => page.go(views.value);
   const keys = Object.fromEntries(Object.values(actions));
   keys["KeyB"] = () => colour(BACKGROUNDS[(BACKGROUNDS.indexOf(background.value) + 1) % BACKGROUNDS.length]);
+  keys["KeyP"] = () => document.querySelectorAll<HTMLDetailsElement>(".panel").forEach((panel) => (panel.open = !panel.open));
   keys["KeyV"] = () => {
     views.selectedIndex = (views.selectedIndex + 1) % Math.max(views.length, 1);
     page.go(views.value);

@@ -233,13 +233,17 @@ export class Sketch {
         places[n++] = first + i / STRIDE;
       }
     }
+    // Plain loops: calls for each number would take longer than a frame.
     const step = (DEPTHS - 1) / Math.max(high - low, Number.MIN_VALUE);
     const starts = new Uint32Array(DEPTHS + 1);
-    const steps = Uint16Array.from(depths, (depth) => (high - depth) * step);
-    for (const at of steps) starts[at + 1]++;
+    const steps = new Uint16Array(n);
+    for (let i = 0; i < n; i++) {
+      steps[i] = (high - depths[i]) * step;
+      starts[steps[i] + 1]++;
+    }
     for (let at = 0; at < DEPTHS; at++) starts[at + 1] += starts[at];
-    const sorted = new Uint32Array(this.#count);
-    steps.forEach((at, i) => (sorted[starts[at]++] = places[i]));
+    const sorted = new Uint32Array(n);
+    for (let i = 0; i < n; i++) sorted[starts[steps[i]]++] = places[i];
     this.gl.bindBuffer(this.gl.ARRAY_BUFFER, this.#order);
     this.gl.bufferData(this.gl.ARRAY_BUFFER, sorted, this.gl.DYNAMIC_DRAW);
   }
