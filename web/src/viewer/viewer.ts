@@ -61,8 +61,6 @@ export interface ViewerEvents {
 
 /** What is left of a sketch once the stage can draw, milliseconds. */
 const SKETCH_MS = 15_000;
-/** In which a page shows a small picture, milliseconds. */
-const MOMENT_MS = 60;
 
 const LABEL = "3D scene. Drag or arrow keys: turn; right button or two fingers: move; wheel: nearer; W A S D Q E: fly.";
 const ALL_DEGREES = 3;
@@ -126,8 +124,6 @@ export class Viewer {
     feed.on("front", (front) => {
       if (this.options.view !== undefined && this.#home === null) this.#goHome(this.options.view);
       this.#emitter.emit("front", front);
-      // Making a context may take longer than the first tile: it is made while that is on its way.
-      setTimeout(() => this.#feed === feed && this.#makeSketch(feed), MOMENT_MS);
     });
     feed.on("opening", (view) => {
       if (!this.#chosen && !this.#pilot.moved) this.#goHome(view);
