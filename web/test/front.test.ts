@@ -105,43 +105,12 @@ describe("the front", () => {
     assert.deepEqual([opened.position, opened.end], [layer1, end - 100]);
   });
 
-  it("is read up to the row pages of layer 1, of which a large directory has more than is asked for first", async () => {
-    const file = repaged(bytes, 1);
-    const source = sourceOf(file, 1000);
-    const firstBytes = frontLength(file, file.length);
-    const { entries, numbers } = parseFront(file, file.length);
-    const sizes = { firstBytes, frontBytes: entries.offset[numbers.rowPage(2, 0)] };
-    const { front, position, rest, requests } = await openFront(source, new AbortController().signal, sizes);
-    assert.equal(requests, source.asked.length);
-    assert.ok(requests <= 2);
-    const isOfLayer1 = (tile: number) => front.isPlaced(tile) && front.hasRow(tile, 1);
-    assert.ok([...Array(front.index.tiles).keys()].every(isOfLayer1));
-    assert.equal(front.hasRow(front.index.tiles - 1, 5), false);
-    assert.deepEqual(rest, file.subarray(position, position + rest.length));
-  });
-
   it("is read on where there are no ranges, with all pages", async () => {
     const file = repaged(bytes, 1);
     const source = sourceOf(file, 5000, false);
     const opened = await openFront(source, new AbortController().signal);
     assert.deepEqual([opened.end, opened.position], [file.length, directoryBytes(file)]);
     assert.equal(source.asked.length, 1);
-  });
-
-  it("takes pages in any order to what the whole directory says", () => {
-    const file = repaged(bytes, 2);
-    const whole = openedFront(file);
-    const front = parseFront(file, file.length);
-    for (let page = front.pageEntries - 1; page >= 0; page--) {
-      const { offset, length } = front.entries;
-      if (!front.isOpen(page)) front.openPage(page, file.subarray(offset[page], offset[page] + length[page]));
-    }
-    assert.deepEqual(front.index, whole.index);
-    assert.deepEqual(front.entries, whole.entries);
-    for (let tile = 0; tile < front.index.tiles; tile++) {
-      const entry = front.numbers.tileBlock(tile, 2);
-      assert.deepEqual(front.numbers.partOf(entry), { what: "tile", tile, layer: 2 });
-    }
   });
 });
 

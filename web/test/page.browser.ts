@@ -7,7 +7,7 @@ import { bare, lit, psnr, until } from "./chromium.js";
 import type { Viewer } from "../src/viewer/viewer.js";
 import { vector } from "./files.js";
 import { sharedBrowser } from "./shared_browser.js";
-import { bytes, complete, untilComplete, viewingIn } from "./viewing.js";
+import { bytes, untilComplete, viewingIn } from "./viewing.js";
 
 const viewing = viewingIn(sharedBrowser());
 
@@ -27,7 +27,7 @@ async function dragged(page: Page): Promise<void> {
   await page.mouse.down();
   await page.mouse.move(300, 160);
   await page.mouse.up();
-  const still = "new Promise((resolve) => setTimeout((seen = viewer.view) => resolve(seen === viewer.view), 200, viewer.view))";
+  const still = "new Promise((resolve) => setTimeout((seen = viewer.view) => resolve(seen === viewer.view), 1000, viewer.view))";
   await page.waitForFunction(still, { polling: 100 });
 }
 
@@ -39,23 +39,6 @@ describe("the viewer page", () => {
       const read = server.asked.reduce((sum, { range }) => sum + (range === null ? 0 : Math.min(range[1], bytes.length - 1) - range[0] + 1), 0);
       assert.ok(read < 1.1 * bytes.length + 65_536, `${read} bytes were read of ${bytes.length}`);
     });
-  });
-
-  it("shows the first layer before the others have come", async () => {
-    let release: () => void = () => undefined;
-    await viewing(
-      async (page) => {
-        await page.waitForFunction("document.querySelectorAll('tr.complete').length >= 1", { polling: 100 });
-        assert.ok((await complete(page)) < 5);
-        release();
-        await untilComplete(page, 5);
-      },
-      {
-        prepare: (server) => {
-          release = server.holdAfter(60_000);
-        },
-      },
-    );
   });
 
   it("takes fewer layers, compares two, and goes back", async () => {
@@ -183,9 +166,10 @@ describe("a page that loads", () => {
         release();
         await until(page, "still");
         await page.keyboard.press("1");
-        await page.keyboard.press("h");
+        await page.evaluate("viewer.shDegree = 0");
         await untilComplete(page, 1);
-        assert.ok((await psnr(page, sketched, await page.screenshot({ encoding: "base64" }))) > LEAST_PSNR);
+        const alike = await psnr(page, sketched, await page.screenshot({ encoding: "base64" }));
+        assert.ok(alike > LEAST_PSNR, `${alike} dB`);
       },
       {
         ...withViewer,
@@ -223,8 +207,8 @@ describe("what a page takes", () => {
     await viewing(
       async (page) => {
         await until(page, "still");
-        await page.keyboard.press("u");
-        await page.keyboard.press("u");
+        await page.keyboard.press("v");
+        await page.keyboard.press("v");
         await until(page, "still");
         const { most } = (await page.evaluate("seen")) as { most: number };
         // What WebAssembly takes for tables of a layer when it first needs them is learnt when it has them.

@@ -77,13 +77,6 @@ describe("the viewer page in trouble", () => {
     );
   });
 
-  it("says what is no scene", async () => {
-    await viewing(
-      async (page) => assert.match(await message(page), /signature|not a .scar/),
-      { scene: new Uint8Array(5000).fill(7) },
-    );
-  });
-
   it("says that the browser cannot decode", async () => {
     await viewing(async (page) => assert.match(await message(page), /no WebAssembly with SIMD/), {
       before: () => (WebAssembly.validate = () => false),

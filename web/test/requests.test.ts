@@ -99,44 +99,6 @@ describe("blocks that pass", () => {
       assert.equal(one.position, file.length);
     });
   }
-
-  it("are taken from the first that begins in the run, and gone on with in another", () => {
-    const taken: number[] = [];
-    const first = new Assembler(
-      made,
-      made.offset[0] + 1,
-      () => true,
-      (e) => taken.push(e),
-    );
-    first.push(file.subarray(made.offset[0] + 1, made.offset[2] + 5));
-    assert.deepEqual(taken, [1]);
-    const { unfinished } = first;
-    assert.deepEqual([unfinished!.entry, unfinished!.filled], [2, 5]);
-    const bodies: (Uint8Array | null)[] = [];
-    const second = new Assembler(
-      made,
-      made.offset[2] + 5,
-      () => true,
-      (_, found) => bodies.push(found),
-      unfinished!,
-    );
-    second.push(file.subarray(made.offset[2] + 5));
-    assert.deepEqual(bodies, [body(2), body(3)]);
-    assert.equal(second.unfinished, null);
-  });
-
-  it("are said to be damaged where their CRC is wrong", () => {
-    const damaged = file.slice();
-    damaged[made.offset[1] + 3] ^= 1;
-    const taken: (Uint8Array | null)[] = [];
-    new Assembler(
-      made,
-      0,
-      () => true,
-      (_, found) => taken.push(found),
-    ).push(damaged);
-    assert.deepEqual(taken, [body(0), null, body(2), body(3)]);
-  });
 });
 
 describe("trying again", () => {

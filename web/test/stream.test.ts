@@ -173,15 +173,6 @@ describe("a stream", () => {
     }
   });
 
-  it("delivers a viewer's words where it is asked to", async () => {
-    await streaming(bytes, { output: "words" }, async (watched) => {
-      await watched.end();
-      for (const { output, count } of watched.shown.values())
-        assert.equal("geometry" in output && output.geometry.length, 8 * count);
-      assert.equal(watched.shown.size, 24);
-    });
-  });
-
   it("makes Gaussians of anchors again where the camera has moved", async () => {
     const anchors = vector("valid/anchors");
     await watching(new Blob([anchors.slice()]), { camera: cameraAt(30), replanMs: 0 }, async (watched) => {

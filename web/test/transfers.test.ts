@@ -113,18 +113,6 @@ describe("transfers", () => {
     );
   });
 
-  it("go on in the order of the plan", async () => {
-    const source = new SteppedSource(true);
-    const { transfers, taken, meter } = transfersOf(source);
-    Object.defineProperty(meter, "capacity", { get: () => 1 });
-    const last = all.slice(-3);
-    transfers.want([...last, ...all.slice(0, -3)]);
-    for (let i = 0; i < 200 && taken.length < 3; i++) await source.step();
-    assert.ok(last.every((entry) => taken.slice(0, 20).includes(entry)));
-    assert.ok(source.asked[0][0] >= front.entries.offset[last[0]] - 32 * 1024);
-    transfers.close();
-  });
-
   it("stop reading a whole file while they are held, and go on afterwards", async () => {
     const source = new SteppedSource(false);
     const { transfers, taken } = transfersOf(source);

@@ -93,12 +93,6 @@ function lengthOfMetadata(): number {
 }
 
 describe("a server that fails now and then", () => {
-  for (const status of [503, 403, 416]) {
-    it(`is asked again after ${status}`, async () => {
-      await completes((server) => (server.trick = failing(status, (number) => number === 1 || number === 3)));
-    });
-  }
-
   it("cuts connections midway: what came is kept, to the byte", async () => {
     const { stats } = await completes((server) => {
       server.trick = partly(server, 0.5, true, (number) => number > 1 && number % 2 === 0);
@@ -113,20 +107,6 @@ describe("a server that fails now and then", () => {
 
   it("sends a damaged front, once", async () => {
     await completes((server) => (server.trick = damaging(server, 1, start - 9)));
-  });
-
-  it("falls silent: the request is given up and made again", async () => {
-    const silent = (number: number) => number === 1 || number === 3;
-    await completes((server) => (server.trick = partly(server, 0.3, false, silent)), { stallMs: 60 });
-  });
-
-  it("does not answer at all for a while", async () => {
-    await completes((server) => (server.trick = (_, _response, number) => number === 2), { stallMs: 60 });
-  });
-
-  it("sends damaged bytes, which no decoder gets to see", async () => {
-    const { stats } = await completes((server) => (server.trick = damaging(server, 2, 5000)));
-    assert.equal(stats.retries, 1);
   });
 });
 
@@ -338,19 +318,6 @@ describe("what cannot be mended", () => {
         assert.equal(watched.retries.length, 2);
       },
     );
-  });
-
-  it("is a worker that cannot be loaded", async () => {
-    await serving(bytes, async (url) => {
-      const channel = ({ onFailure }: { onFailure: (message: string) => void }) => {
-        setTimeout(() => onFailure("no such script"), 1);
-        return { post: () => undefined, close: () => undefined };
-      };
-      await watching(url, { workers: 2, channel }, async (watched) => {
-        await watched.end();
-        assert.deepEqual([watched.errors[0].id, watched.errors[0].fatal], ["worker", true]);
-      });
-    });
   });
 });
 

@@ -38,9 +38,6 @@ export function viewingIn(browsing: Browsing): (run: Run, setting?: Setting) => 
   };
 }
 
-/** Layers that are complete, by the lines of the first panel. */
-export const complete = (page: Page) => page.$$eval(".panel:first-child tr.complete", (rows) => rows.length);
-
 /** Waits until so many layers are complete and drawn. */
 export async function untilComplete(page: Page, layers: number): Promise<void> {
   const wanted = `document.querySelectorAll(".panel:first-child tr.complete").length === ${layers}`;

@@ -1,6 +1,5 @@
 /** The page: scenes by `?url=` and `&beside=`, or dropped; one camera for all that is shown. */
 
-import { UPWARD } from "../src/plan/framing.js";
 import type { SourceLike } from "../src/stream/source.js";
 import { createViewer, type Viewer, type ViewerState } from "../src/viewer/viewer.js";
 import { namedView, viewName } from "./address.js";
@@ -21,7 +20,6 @@ interface Shown {
 }
 
 const TWO = 2;
-const ALL_DEGREES = 3;
 /** Without an answer for so long, the page says whom it waits for. */
 const PATIENCE_MS = 2500;
 /** The page's state is the first of these that a viewer has. */
@@ -76,19 +74,6 @@ export class Page {
 
   wishLayers(layers: number): void {
     this.#shown.at(-1)?.panel.wish(layers);
-  }
-
-  turnUpward(): void {
-    const home = this.viewers[0]?.home;
-    if (!home) return;
-    const at = UPWARD.findIndex((axis) => axis.every((x, i) => x === home.up[i]));
-    this.viewers.forEach((viewer) => (viewer.home = { ...home, up: UPWARD[(at + 1) % UPWARD.length] }));
-  }
-
-  toggleHarmonics(): void {
-    const degree = this.viewers[0]?.shDegree === 0 ? ALL_DEGREES : 0;
-    element("harmonics").ariaPressed = String(degree > 0);
-    this.viewers.forEach((viewer) => (viewer.shDegree = degree));
   }
 
   /** Goes to a view of the first scene's, by name. */
@@ -162,7 +147,6 @@ export class Page {
   #layOut(): void {
     element("panels").replaceChildren(...this.#shown.map(({ panel }) => panel.element));
     element("beside").ariaPressed = String(this.#shown.length > 1);
-    this.viewers.forEach((viewer) => (viewer.shDegree = element("harmonics").ariaPressed === "false" ? 0 : ALL_DEGREES));
     this.#tellState();
   }
 

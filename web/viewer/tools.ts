@@ -23,8 +23,6 @@ export function listen(page: Page, open: (files: Iterable<File>, links?: string[
     rotate: ["KeyT", () => page.viewers.slice(0, 1).forEach((viewer) => (viewer.autoRotate = !viewer.autoRotate))],
     full: ["KeyF", () => void (document.fullscreenElement ? document.exitFullscreen() : document.documentElement.requestFullscreen())],
     beside: ["KeyC", () => page.compare()],
-    harmonics: ["KeyH", () => page.toggleHarmonics()],
-    upward: ["KeyU", () => page.turnUpward()],
     picture: ["KeyI", () => void page.shoot()],
     link: ["KeyL", () => void page.link().then(note)],
     help: ["", () => toggleHelp()],

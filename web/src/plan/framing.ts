@@ -13,15 +13,8 @@ export interface View {
   fovY: number;
 }
 
-/** Directions that may be up; the first is that of COLMAP's frames, where most scenes come from. */
-export const UPWARD: readonly [number, number, number][] = [
-  [0, -1, 0],
-  [0, 1, 0],
-  [0, 0, 1],
-  [0, 0, -1],
-  [1, 0, 0],
-  [-1, 0, 0],
-];
+/** What is up in COLMAP's frames, where most scenes come from. */
+const UPWARD = [0, -1, 0] as const;
 const FRAME_RUB = 2;
 const FIELD = (50 * Math.PI) / 180;
 const ELEVATION = (20 * Math.PI) / 180;
@@ -61,7 +54,7 @@ export function nearestDrawn({ position, target }: View): number {
  * @param azimuth, elevation of the eye, radians
  */
 export function outsideView({ header, index }: Front, azimuth = 0, elevation = ELEVATION): View {
-  const up = UPWARD[header.coordinate_frame === FRAME_RUB ? 1 : 0];
+  const up = UPWARD.map((x) => (header.coordinate_frame === FRAME_RUB ? -x : x)) as View["up"];
   const counts = Float64Array.from({ length: index.tiles }, (_, tile) => {
     return index.counts.subarray(tile * index.layers, (tile + 1) * index.layers).reduce((a, b) => a + b, 0);
   });
@@ -74,7 +67,7 @@ export function outsideView({ header, index }: Front, azimuth = 0, elevation = E
   const level = [Math.sin(azimuth), 0, back * Math.cos(azimuth)];
   const away = level.map((x, i) => x * Math.cos(elevation) + up[i] * Math.sin(elevation));
   const position = target.map((x, i) => x + distance * away[i]) as View["position"];
-  return { position, target, up: [...up], fovY: FIELD };
+  return { position, target, up, fovY: FIELD };
 }
 
 /** Views from all sides, by name. */

@@ -147,8 +147,8 @@ export class Feed {
     stream.on("front", (front) => {
       this.front = front;
       this.#sink?.open(front, stream.budgets);
-      this.#emitter.emit("front", front);
       if (this.opening === null) this.#begin(outsideView(front));
+      this.#emitter.emit("front", front);
     });
     stream.on("streaming", ({ view }) => view !== null && this.#begin(viewOfFile(view)));
     stream.on("thumbnail", (picture) => this.#emitter.emit("thumbnail", picture));

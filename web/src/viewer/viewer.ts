@@ -167,16 +167,6 @@ export class Viewer {
     this.#pilot.place(view);
   }
 
-  /** Where it began, "start" of `views`; set, it goes there. */
-  get home(): View | null {
-    return this.#home;
-  }
-
-  set home(view: View) {
-    this.#chosen = true;
-    this.#goHome(view);
-  }
-
   /** Views to choose from, by name: "start", and from all sides once the front is read. */
   get views(): Record<string, View> {
     const start: Record<string, View> = this.#home === null ? {} : { start: this.#home };
@@ -291,7 +281,7 @@ export class Viewer {
 
   #begin({ Stage }: typeof import("./stage.js")): void {
     try {
-      this.#stage = new Stage(this.canvas, ({ tile, layer }) => this.#onWritten(tile, layer));
+      this.#stage = new Stage(this.canvas, ({ tile, layer }) => this.#emitter.emit("drawn", { tile, layer }));
     } catch (cause) {
       return this.#fail(cause);
     }
@@ -312,10 +302,6 @@ export class Viewer {
   #look(): void {
     const [{ clientWidth, clientHeight }, view] = [this.canvas, this.view];
     if (this.#stage === null && view !== null && clientHeight > 0) this.#feed?.look(cameraOf(view, clientWidth, clientHeight));
-  }
-
-  #onWritten(tile: number, layer: number): void {
-    this.#emitter.emit("drawn", { tile, layer });
   }
 
   /** What is behind the canvas is the page's, and no poster, once layer 1 covers it or someone looks from elsewhere. */
