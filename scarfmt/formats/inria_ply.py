@@ -61,7 +61,9 @@ def load(source: Source) -> GaussianScene:
     header = ply.read_header(source)
     columns = Columns.of(source, header)
     columns.warn(source)
-    return columns.scene(ply.read_elements(source, header, ["vertex"])["vertex"])
+    scene = columns.scene(ply.read_elements(source, header, ["vertex"])["vertex"])
+    _warn_of_plain_sizes(source, scene)
+    return scene
 
 
 @dataclass(frozen=True)
@@ -142,6 +144,22 @@ class Columns:
             return stored
         largest = [_LARGEST[rows.dtype[name].str[1:]] for name in self.colours]
         return dc_of_colour(stored.astype(np.float64) / largest)[:, 0]
+
+
+_FEW = 16
+"""Gaussians of which nothing can be said together."""
+
+
+def _warn_of_plain_sizes(source: Source, scene: GaussianScene) -> None:
+    """Tell where sizes look as if their logarithms had not been taken: each is wider than the scene."""
+    if len(scene) < _FEW or not (scene.log_scales >= 0).all():
+        return
+    with np.errstate(all="ignore"):  # what is not finite is reported by a later check
+        away = np.abs(scene.positions - np.median(scene.positions, axis=0)).max(axis=1)
+        is_wider = np.median(scene.log_scales) > np.log(np.quantile(away, 0.9))
+    if is_wider:
+        message = "most Gaussians are wider than the scene; if sizes are no logarithms, and opacities no logits"
+        source.warn(f"{message}, export it again: some tools write what renderers use, PLY has what trainers keep")
 
 
 def _smooth(scales: NDArray[np.generic], logits: NDArray[np.generic], width: NDArray[np.generic]) -> tuple[F64, F64]:

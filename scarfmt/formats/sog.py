@@ -66,12 +66,13 @@ def describe(source: Source) -> Description:
 
 
 def model_of(meta: Source) -> RenderModel:
-    """The render model that a `meta.json` or `lod-meta.json` names.
+    """The render model that a `meta.json` or `lod-meta.json` names: `model`, or `antialias` as the manual has it.
 
     Raises:
         Unsupported: ``input-version``: an unknown one.
     """
-    name = (meta.document or {}).get("model")
+    document = meta.document or {}
+    name = document.get("model", "antialiased" if document.get("antialias") is True else None)
     if name not in _MODELS:
         raise Unsupported("input-version", f"{meta.name}: model {str(name)[:40]!r}; this importer knows {_MODEL_NAMES}")
     return _MODELS[name]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import struct
+import warnings
 from functools import partial
 from typing import Any
 
@@ -79,6 +80,19 @@ def test_one_scale_is_that_of_every_axis() -> None:
     scale = np.arange(5) + inria_names(9, 1).index("scale_0") / 64
     np.testing.assert_array_equal(scene.log_scales, np.stack([scale] * 3, axis=1))
     assert scene.description.render_model == RenderModel.CLASSIC
+
+
+def test_sizes_without_logarithms_are_told() -> None:
+    """Tools that write what a renderer uses have sizes of 0.01 and opacities up to 1: spheres of 1 unit and more."""
+    rng = np.random.default_rng(1)
+    names = inria_names(0)
+    rows = rng.uniform(0.001, 0.5, (40, len(names)))
+    with pytest.warns(InputWarning, match="wider than the scene"):
+        load(ply([("float", name) for name in names], rows))
+    rows[:, [names.index(f"scale_{i}") for i in range(3)]] = -4
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        load(ply([("float", name) for name in names], rows))
 
 
 def test_a_middle_scale_may_not_be_missing() -> None:

@@ -90,10 +90,17 @@ def test_a_codebook_that_begins_with_null_is_continued_downwards() -> None:
 
 
 @pytest.mark.parametrize(
-    ("model", "said"), [("antialiased", RenderModel.ANTIALIASED), ("2dgs", RenderModel.TWO_DIMENSIONAL)]
+    ("marks", "said"),
+    [
+        ({"model": "antialiased"}, RenderModel.ANTIALIASED),
+        ({"model": "2dgs"}, RenderModel.TWO_DIMENSIONAL),
+        ({"antialias": True}, RenderModel.ANTIALIASED),
+        ({"antialias": False}, RenderModel.CLASSIC),
+        ({"antialias": True, "model": "default"}, RenderModel.CLASSIC),
+    ],
 )
-def test_the_model_is_told(model: str, said: RenderModel) -> None:
-    assert sog.describe(Source(zipped(with_meta(model=model)))).render_model == said
+def test_the_model_is_told(marks: dict[str, object], said: RenderModel) -> None:
+    assert sog.describe(Source(zipped(with_meta(**marks)))).render_model == said
     with pytest.raises(Unsupported, match="'new'"):
         sog.describe(Source(zipped(with_meta(model="new"))))
 
