@@ -47,7 +47,7 @@ from reference_encoder.rdo.layers import (
 from reference_encoder.rdo.rdo_input import RdoInput
 from reference_encoder.streaming_block import build_streaming_block
 from reference_encoder.thumbnail import thumbnail_blocks
-from reference_encoder.tuning import FIRST_CAP_DB
+from reference_encoder.tuning import FIRST_CAP_DB, LAYER_VIEWS
 from scarfmt.coding.writer import QuantisedScene, Report, assemble_file, code_blocks, silent
 from scarfmt.errors import InvalidInput, LossWarning, plural
 from scarfmt.limits import MAX_ANCHORS_PER_TILE
@@ -187,7 +187,7 @@ class Encoder:
     def _previews(self) -> bool:
         """Whether pictures decide what layers hold."""
         options = self.profile.options
-        return options.layers > 1 and bool(options.effort) and self.profile.preview is not None
+        return options.layers > 1 and bool(options.effort) and self.profile.previews
 
     def _allocate(self, layered: LayeredInput) -> Trial:
         allocation = allocate(layered.problem, layered.curves, layered.choices)
@@ -209,12 +209,11 @@ class Encoder:
 
     def _metric(self, problem: RdoInput, curves: Sequence[RdCurve], most: float) -> PreviewMetric:
         """How good layers look, each view counting as at most `most` dB."""
-        scene = PreviewScene.of(problem, curves)
+        scene, judge = PreviewScene.of(problem, curves), self._judge.thinned(LAYER_VIEWS, most)
 
         def decibels(steps: Sequence[Steps], parts: Sequence[float]) -> float:
             self._report()
-            assert self.profile.preview is not None
-            return self.profile.preview.psnr_db(scene.reconstruct(steps, parts), most)
+            return judge.quality(scene.reconstruct(steps, parts)).preview_db
 
         return decibels
 

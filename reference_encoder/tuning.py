@@ -177,14 +177,15 @@ GAUSSIAN_BASE_SHARE, ANCHOR_BASE_SHARE = 0.265, 0.28
 COARSE_ABSENCE = 3.0
 """How much worse than predicted leaving out a whole class is in early layers: holes, where one Gaussian leaves none
 [0007]."""
-LAYER_VIEWS, LAYER_VIEW_SAMPLING = 4, 4
-"""Views of each kind that decide what a layer holds; one pixel of so many along either axis is looked at [0026]."""
-LAYER_BLOCK = 8
-"""Pixels looked at along either side of the blocks whose mean colours are compared, too [0026]."""
+LAYER_VIEWS = 12
+"""Least number of judging views of each kind that decide what a layer holds [0062]."""
+PREVIEW_LOW_PART, PREVIEW_LOW_BELOW_DB = 0.2, 2.5
+"""The part of these views that looks worst, and how far below the mean the best of it may lie before it decides, dB.
+The 20th percentile of three dozen views says more of the 5th of other ones than their own does [0062]."""
 FIRST_CAP_DB = 35.0
 """A view of next to nothing does not make up for another: at least as good a view counts as much [0026]."""
 PICTURE_DB = 25.4
-"""A first picture, dB over all kinds of views: one recognises everything, nobody takes it for the last [0018, 0026]."""
+"""A first picture, dB over all kinds of views: one recognises everything, nobody takes it for the last [0018, 0026, 0062]."""
 NEIGHBOURS = 8
 """Number of neighbours of a class among which those that cover most are shown before the others [0026]."""
 FRONT_CLASSES, FRONT_STEP = 3.0, 0.125

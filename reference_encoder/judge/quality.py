@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any, Generic, TypeVar
 
@@ -24,6 +24,8 @@ from reference_encoder.tuning import (
     LOW_BELOW_DB,
     MEAN_ABOVE_DB,
     MOST_ABOVE_DB,
+    PREVIEW_LOW_BELOW_DB,
+    PREVIEW_LOW_PART,
     TOLERANCE_DB,
 )
 from scarfmt.arrays import F32, F64
@@ -83,12 +85,7 @@ class Quality:
     @property
     def low_db(self) -> float:
         """5th percentile of all views, kinds by their shares; infinite where there is none."""
-        weights, values = self._weighted()
-        if not len(values):
-            return math.inf
-        order = np.argsort(values)
-        reached = np.cumsum(weights[order]) >= LOW_PART - 1e-9
-        return float(values[order][int(np.argmax(reached))])
+        return self._percentile_db(LOW_PART)
 
     @property
     def rated_db(self) -> float:
@@ -97,6 +94,14 @@ class Quality:
         if not len(self):
             return math.inf
         return self.mean_db - min(max(0.0, self.mean_db - LOW_BELOW_DB - self.low_db), MEAN_ABOVE_DB)
+
+    @property
+    def preview_db(self) -> float:
+        """How good a coarse layer looks: the mean, or what its worse places allow of it.
+
+        A mean forgives a hole that is seen from few places (docs/decisions/0062-one-judge.md).
+        """
+        return min(self.mean_db, self._percentile_db(PREVIEW_LOW_PART) + PREVIEW_LOW_BELOW_DB)
 
     @property
     def worst_db(self) -> float:
@@ -159,6 +164,15 @@ class Quality:
         said = {"mean_db": self.mean_db, "p5_db": self.low_db, "worst_db": self.worst_db}
         return {"views": len(self), **{name: round(value, 2) for name, value in said.items()}}
 
+    def _percentile_db(self, part: float) -> float:
+        """What that part of all views is no better than, kinds by their shares; infinite where there is none."""
+        weights, values = self._weighted()
+        if not len(values):
+            return math.inf
+        order = np.argsort(values)
+        reached = np.cumsum(weights[order]) >= part - 1e-9
+        return float(values[order][int(np.argmax(reached))])
+
     def _weighted(self) -> tuple[F64, F64]:
         """(n,) weights that add up to 1, and (n,) dB, of all views."""
         kinds = list(self.psnr_db)
@@ -199,6 +213,11 @@ class Judge(Generic[S]):
         # Where no view shows much, those that show anything are all there is.
         shown = _views_that(shows_something, pictures) or _views_that(np.any, pictures)
         return cls(view, shown, views.shares, most_db)
+
+    def thinned(self, views: int, most_db: float) -> Judge[S]:
+        """At least `views` of each kind, evenly taken from more; a picture counts for at most `most_db`."""
+        few = {kind: pairs[:: max(1, len(pairs) // views)] for kind, pairs in self.seen.items()}
+        return replace(self, seen=few, most_db=most_db)
 
     def quality(self, scene: S) -> Quality:
         """How good pictures of `scene` are."""

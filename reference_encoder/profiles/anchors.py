@@ -56,6 +56,8 @@ class AnchorProfile:
         options, report: of the encoder.
     """
 
+    previews = False
+
     model: AnchorModel
     sensitivity: AnchorSensitivity
     options: EncodeOptions
@@ -83,11 +85,6 @@ class AnchorProfile:
         shell, drawn = place_anchors(self.model), len(self.model) * self.model.slots
         views = judging_views(shell, self.options, resolved(shell, self.options.frame), view_set, drawn)
         return Judge.of(self.model, draw_anchors, views, cap_db(self.options.asked_db))
-
-    @property
-    def preview(self) -> None:
-        """Nothing: layers go by rule."""
-        return
 
     def prepare(self, quality: float) -> RdoInput:
         """What is to be decided at the lambda predicted to give `quality` dB.

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -13,7 +12,6 @@ from reference_encoder.importance.draft import weigh_draft
 from reference_encoder.importance.sensitivity import Sensitivity, measure_sensitivity
 from reference_encoder.importance.view_sampling import SurveyViews, sample_views
 from reference_encoder.importance.weights import Weights, weigh_scene
-from reference_encoder.judge.preview_quality import PreviewJudge
 from reference_encoder.judge.quality import Judge, cap_db, draw_gaussians
 from reference_encoder.judge.reconstruct import reconstruct_gaussians
 from reference_encoder.judge.views import ViewSet, judging_views
@@ -62,6 +60,8 @@ class ExplicitProfile:
         options, report: of the encoder; the frame is the one that was found.
     """
 
+    previews = True
+
     scene: GaussianScene
     attributes: Attributes
     survey: SurveyViews
@@ -87,11 +87,6 @@ class ExplicitProfile:
         """Pictures of the source from views of a set, drawn now."""
         views = judging_views(self.scene, self.options, self.survey.up, view_set, len(self.scene))
         return Judge.of(self.scene, draw_gaussians, views, cap_db(self.options.asked_db))
-
-    @cached_property
-    def preview(self) -> PreviewJudge:
-        """Small pictures of the source from everywhere, drawn when they are first wanted."""
-        return PreviewJudge.of(self.scene, self.options)
 
     def prepare(self, quality: float) -> RdoInput:
         """What is to be decided at the lambda predicted to give `quality` dB."""

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from typing import Protocol, TypeVar
 
-from reference_encoder.judge.preview_quality import PreviewJudge
 from reference_encoder.judge.quality import Judge
 from reference_encoder.judge.views import ViewSet
 from reference_encoder.options import EncodeOptions
@@ -21,7 +20,7 @@ class Profile(Protocol[S]):
     Attributes:
         options: of the encoder.
         report: receives (stage, fraction done).
-        preview: pictures of the source to judge layers by; None where they cannot be drawn.
+        previews: whether pictures of coarse layers can be drawn.
     """
 
     @property
@@ -29,7 +28,7 @@ class Profile(Protocol[S]):
     @property
     def report(self) -> Report: ...
     @property
-    def preview(self) -> PreviewJudge | None: ...
+    def previews(self) -> bool: ...
 
     def judge(self, view_set: ViewSet) -> Judge[S]:
         """Pictures of the source to judge results by, drawn now."""

@@ -6,7 +6,7 @@ like factors. The model of errors (docs/decisions/0003) is meant for small error
 encoder draws them from effort 1 on (docs/decisions/0018-layers-by-looks.md). A first layer must not have holes: of the
 classes it cannot show whole it shows those that cover most among their neighbours (0026-first-layers.md). It does
 without colours that depend on the view where their models would take much of it, and shows the fewest classes that look
-good enough (0060-fewest-classes.md).
+good enough (0060-fewest-classes.md) to the judge of files (0062-one-judge.md).
 """
 
 from __future__ import annotations

@@ -132,6 +132,24 @@ def test_a_low_5th_percentile_counts_against_the_mean(low: float, lacking: float
     assert found.rated_db == pytest.approx(46 - lacking)
 
 
+@pytest.mark.parametrize(("low", "looks"), [(26.0, 28.0), (22.0, 24.5)])
+def test_a_layer_with_holes_looks_no_better_than_its_worse_places_allow(low: float, looks: float) -> None:
+    """A fifth of the views at least 2.5 dB below the mean decides; better ones leave the mean alone."""
+    rest = np.full(15, (20 * 28.0 - 5 * low) / 15)
+    found = Quality({"orbit": np.append(rest, np.full(5, low))}, {"orbit": 1.0})
+    assert found.mean_db == pytest.approx(28)
+    assert found.preview_db == pytest.approx(looks)
+
+
+def test_layers_are_looked_at_from_fewer_of_the_judging_views(scene: GaussianScene) -> None:
+    """As many of each kind, no others than the judge has, and none counts for more than said."""
+    judge = _judge(scene)
+    few = judge.thinned(4, 35.0)
+    assert {kind: len(pairs) for kind, pairs in few.seen.items()} == dict.fromkeys(KINDS, 4)
+    assert all(id(pair) in set(map(id, judge.seen[kind])) for kind, pairs in few.seen.items() for pair in pairs)
+    assert few.quality(scene).mean_db == pytest.approx(35)
+
+
 def test_what_a_better_5th_percentile_costs_is_said() -> None:
     """The option that raises it, and by how much the file grows."""
     found = Quality({"orbit": np.append(np.full(19, 46.0), 30.0)}, {"orbit": 1.0})
