@@ -185,7 +185,8 @@ The 20th percentile of three dozen views says more of the 5th of other ones than
 FIRST_CAP_DB = 35.0
 """A view of next to nothing does not make up for another: at least as good a view counts as much [0026]."""
 PICTURE_DB = 25.4
-"""A first picture, dB over all kinds of views: one recognises everything, nobody takes it for the last [0018, 0026, 0062]."""
+"""A first picture, dB over all kinds of views: one recognises everything, nobody takes it for the last [0018,
+0062]."""
 NEIGHBOURS = 8
 """Number of neighbours of a class among which those that cover most are shown before the others [0026]."""
 FRONT_CLASSES, FRONT_STEP = 3.0, 0.125
