@@ -1,124 +1,143 @@
 /* From Gaussians to the ellipses that a camera sees, and back: EWA projection (Zwicker et al. 2001) with the constants of
-INRIA's 3D Gaussian Splatting. One Gaussian after the other. */
+INRIA's 3D Gaussian Splatting. LANES Gaussians at a time; every number is what one after the other would give. */
 
 #include <math.h>
 #include <string.h>
 
 #include "harmonics.h"
+#include "lanes.h"
 #include "numbers.h"
 #include "raster.h"
 
 #define TINY 1.17549435e-38f
-#define AHEAD 8 /* Gaussians that are asked for early */
 
-/* A projected Gaussian. */
+/* LANES Gaussians seen by a camera. */
 typedef struct {
-    float z, slope_x, slope_y;
-    float jacobian_x[3], jacobian_y[3], rotation[3][3];
-    float w, x, y, zed, length;
-    float turned_x[3], turned_y[3], a[3], b[3], normal[3];
-    float xx, yy, undilated, determinant, across, slope, down;
+    V local[3], scales[3], quaternion[4], mean[2];
+} Group;
+
+/* Projected ones. */
+typedef struct {
+    V z, slope_x, slope_y;
+    V jacobian_x[3], jacobian_y[3], rotation[3][3];
+    V w, x, y, zed, length;
+    V turned_x[3], turned_y[3], a[3], b[3], normal[3];
+    V xx, yy, undilated, determinant, across, slope, down;
 } Shape;
 
-static float dot(const float *a, const float *b) { return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]; }
+INLINE V dot(const V *a, const V *b) { return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]; }
 
-static void cross(const float *a, const float *b, float *out) {
+INLINE void cross(const V *a, const V *b, V *out) {
     out[0] = a[1] * b[2] - a[2] * b[1];
     out[1] = a[2] * b[0] - a[0] * b[2];
     out[2] = a[0] * b[1] - a[1] * b[0];
 }
 
-static float clamped(float value, float limit) { return value < -limit ? -limit : value > limit ? limit : value; }
-static float larger(float a, float b) { return a > b ? a : b; }
-
-/* The position with the camera's axes. */
-static void to_camera(const Lens *l, const double *centre, float *local) {
-    for (int k = 0; k < 3; k++) {
-        const double *row = l->pose + 4 * k;
-        local[k] = (float)(row[0] * centre[0] + row[1] * centre[1] + row[2] * centre[2] + row[3]);
-    }
+INLINE V clamped(V value, float limit) {
+    return where(value < -limit, all(-limit), where(value > limit, all(limit), value));
 }
 
-static void turn(const float *quaternion, Shape *s) {
-    float w = quaternion[0], x = quaternion[1], y = quaternion[2], z = quaternion[3];
-    float largest = larger(larger(larger(fabsf(w), fabsf(x)), larger(fabsf(y), fabsf(z))), TINY);
-    float per = 1 / largest;
+/* The mean in the picture; of what is not in front of the camera, some number. */
+INLINE void find_mean(const Lens *l, Group *g) {
+    V per_z = 1.0f / where(g->local[2] > l->near, g->local[2], all(1.0f));
+    g->mean[0] = g->local[0] * per_z * l->fx + l->cx, g->mean[1] = g->local[1] * per_z * l->fy + l->cy;
+}
+
+/* Gaussians `rows`, with the camera's axes. */
+INLINE void look_at(const Scene *s, const Lens *l, const int64_t *rows, Group *g) {
+    const D x = gather_doubles(s->centres, rows), y = gather_doubles(s->centres + 1, rows),
+            z = gather_doubles(s->centres + 2, rows);
+    for (int k = 0; k < 3; k++) {
+        const double *row = l->pose + 4 * k;
+        g->local[k] = narrowed(row[0] * x + row[1] * y + row[2] * z + row[3]);
+        g->scales[k] = gather(s->scales + k, 3, rows);
+    }
+    for (int k = 0; k < 4; k++) g->quaternion[k] = gather(s->rotations + k, 4, rows);
+    find_mean(l, g);
+}
+
+INLINE void turn(const V *quaternion, Shape *s) {
+    V w = quaternion[0], x = quaternion[1], y = quaternion[2], z = quaternion[3];
+    V largest = larger(larger(larger(magnitude(w), magnitude(x)), larger(magnitude(y), magnitude(z))), all(TINY));
+    V per = 1.0f / largest;
     w *= per, x *= per, y *= per, z *= per;
-    float length = larger(sqrtf(w * w + x * x + y * y + z * z), TINY);
-    per = 1 / length;
+    V length = larger(root(w * w + x * x + y * y + z * z), all(TINY));
+    per = 1.0f / length;
     w *= per, x *= per, y *= per, z *= per;
     s->w = w, s->x = x, s->y = y, s->zed = z, s->length = largest * length;
-    const float rotation[3][3] = {{1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)},
-                                  {2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)},
-                                  {2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)}};
+    const V rotation[3][3] = {
+        {1.0f - 2.0f * (y * y + z * z), 2.0f * (x * y - w * z), 2.0f * (x * z + w * y)},
+        {2.0f * (x * y + w * z), 1.0f - 2.0f * (x * x + z * z), 2.0f * (y * z - w * x)},
+        {2.0f * (x * z - w * y), 2.0f * (y * z + w * x), 1.0f - 2.0f * (x * x + y * y)},
+    };
     memcpy(s->rotation, rotation, sizeof rotation);
 }
 
-static void find_shape(const Lens *l, const float *local, const float *scales, const float *quaternion, Shape *s) {
-    float per_z = 1 / local[2], focal_x = l->fx * per_z, focal_y = l->fy * per_z;
-    s->z = local[2], s->slope_x = local[0] * per_z, s->slope_y = local[1] * per_z;
-    float tx = clamped(s->slope_x, l->limit_x), ty = clamped(s->slope_y, l->limit_y);
-    turn(quaternion, s);
+INLINE void find_shape(const Lens *l, const Group *g, Shape *s) {
+    V per_z = 1.0f / g->local[2], focal_x = l->fx * per_z, focal_y = l->fy * per_z;
+    s->z = g->local[2], s->slope_x = g->local[0] * per_z, s->slope_y = g->local[1] * per_z;
+    D tx = widened(clamped(s->slope_x, l->limit_x)), ty = widened(clamped(s->slope_y, l->limit_y));
+    turn(g->quaternion, s);
     for (int k = 0; k < 3; k++) {
-        s->jacobian_x[k] = focal_x * (float)(l->pose[k] - tx * l->pose[8 + k]);
-        s->jacobian_y[k] = focal_y * (float)(l->pose[4 + k] - ty * l->pose[8 + k]);
+        s->jacobian_x[k] = focal_x * narrowed(l->pose[k] - tx * l->pose[8 + k]);
+        s->jacobian_y[k] = focal_y * narrowed(l->pose[4 + k] - ty * l->pose[8 + k]);
     }
     for (int k = 0; k < 3; k++) {
-        const float column[3] = {s->rotation[0][k], s->rotation[1][k], s->rotation[2][k]};
+        const V column[3] = {s->rotation[0][k], s->rotation[1][k], s->rotation[2][k]};
         s->turned_x[k] = dot(s->jacobian_x, column), s->turned_y[k] = dot(s->jacobian_y, column);
-        s->a[k] = s->turned_x[k] * scales[k], s->b[k] = s->turned_y[k] * scales[k];
+        s->a[k] = s->turned_x[k] * g->scales[k], s->b[k] = s->turned_y[k] * g->scales[k];
     }
-    float xx = dot(s->a, s->a), xy = dot(s->a, s->b), yy = dot(s->b, s->b);
+    V xx = dot(s->a, s->a), xy = dot(s->a, s->b), yy = dot(s->b, s->b);
     cross(s->a, s->b, s->normal);
     /* |a x b|^2 is free of the cancellation of xx * yy - xy^2. */
     s->undilated = dot(s->normal, s->normal);
     s->determinant = s->undilated + l->dilation * (xx + yy) + l->dilation * l->dilation;
     s->xx = xx + l->dilation, s->yy = yy + l->dilation;
-    s->down = 1 / s->yy, s->across = s->yy / s->determinant, s->slope = xy * s->down;
+    s->down = 1.0f / s->yy, s->across = s->yy / s->determinant, s->slope = xy * s->down;
 }
 
 /* Whether the centre of some pixel, of `size` in a row, lies within `half` of `mean`. */
-static int touches(float mean, float half, float size) {
-    float low = mean - half - 0.5f, high = mean + half - 0.5f;
-    if (!(high >= 0 && low <= size - 1)) return 0;
+INLINE M touches(V mean, V half, float size) {
+    V low = mean - half - 0.5f, high = mean + half - 0.5f;
+    M inside = (high >= 0) & (low <= size - 1);
     /* The last at or before `high`. */
-    return (float)(int32_t)(high < size - 1 ? high : size - 1) >= low;
+    return inside & (rounded_down(where(inside, smaller(high, all(size - 1)), all(0))) >= low);
 }
 
 /* Whether no ellipse of a Gaussian touches the picture along one axis: size pixels, the variance of its longest axis. */
-static int misses(float mean, float slope, float limit, float focal, float size, float variance, float reach,
-                  float dilation) {
-    float tangent = clamped(slope, limit), beyond = fabsf(mean - size / 2) - size / 2 - BOUND_SLACK;
-    return beyond > 0 && beyond * beyond > 1.0001f * reach * (focal * focal * (1 + tangent * tangent) * variance + dilation);
+INLINE M misses(V mean, V slope, float limit, V focal, float size, V variance, V reach, float dilation) {
+    V tangent = clamped(slope, limit), beyond = magnitude(mean - size / 2) - size / 2 - BOUND_SLACK;
+    V furthest = 1.0001f * reach * (focal * focal * (1.0f + tangent * tangent) * variance + dilation);
+    return (beyond > 0) & (beyond * beyond > furthest);
 }
 
-/* Fills an ellipse; 0 where nothing shows, and where anything is not a number. */
-static int see(const Lens *l, const float *local, const float *scales, const float *quaternion, float opacity,
-               const float *mean, Ellipse *e) {
-    if (!(local[2] > l->near && local[2] < INFINITY && opacity >= l->min_alpha)) return 0;
-    float log_opacity = log2_of(opacity), reach = reach_of(log_opacity, l->log_min_alpha), per_z = 1 / local[2];
-    float largest = larger(larger(scales[0], scales[1]), scales[2]), variance = largest * largest;
-    if (misses(mean[0], local[0] * per_z, l->limit_x, l->fx * per_z, l->width, variance, reach, l->dilation) ||
-        misses(mean[1], local[1] * per_z, l->limit_y, l->fy * per_z, l->height, variance, reach, l->dilation))
-        return 0;
+/* Fills ellipses, each LANES numbers of every member; not of those that do not show, or where anything is not a number.
+Returns which do. */
+INLINE M see(const Lens *l, const Group *g, V opacity, V *e) {
+    V z = g->local[2], per_z = 1.0f / z;
+    M seen = (z > l->near) & (z < INFINITY) & (opacity >= l->min_alpha);
+    V log_opacity = log2_of_each(opacity), reach = 1.38629436f * (log_opacity - l->log_min_alpha);
+    V largest = larger(larger(g->scales[0], g->scales[1]), g->scales[2]), variance = largest * largest;
+    seen &= ~misses(g->mean[0], g->local[0] * per_z, l->limit_x, l->fx * per_z, l->width, variance, reach, l->dilation);
+    seen &= ~misses(g->mean[1], g->local[1] * per_z, l->limit_y, l->fy * per_z, l->height, variance, reach, l->dilation);
+    if (!any(seen)) return seen;
     Shape s;
-    find_shape(l, local, scales, quaternion, &s);
-    if (!(s.determinant < INFINITY)) return 0;
+    find_shape(l, g, &s);
+    seen &= s.determinant < INFINITY;
     if (l->antialiased) { /* Mip-Splatting (Yu et al. 2024), equation 10 */
-        opacity *= sqrtf(s.undilated / s.determinant);
-        if (!(opacity >= l->min_alpha)) return 0;
-        log_opacity = log2_of(opacity), reach = reach_of(log_opacity, l->log_min_alpha);
+        opacity *= root(s.undilated / s.determinant);
+        seen &= opacity >= l->min_alpha;
+        log_opacity = log2_of_each(opacity), reach = 1.38629436f * (log_opacity - l->log_min_alpha);
     }
-    float half_x = sqrtf(reach * s.xx) + BOUND_SLACK, half_y = sqrtf(reach * s.yy) + BOUND_SLACK;
-    if (!touches(mean[0], half_x, l->width) || !touches(mean[1], half_y, l->height)) return 0;
-    *e = (Ellipse){s.across, s.slope, s.down, sqrtf(reach / s.across), half_x, half_y, log_opacity};
-    return 1;
+    V half_x = root(reach * s.xx) + BOUND_SLACK, half_y = root(reach * s.yy) + BOUND_SLACK;
+    const V ellipses[] = {s.across, s.slope, s.down, root(reach / s.across), half_x, half_y, log_opacity};
+    memcpy(e, ellipses, sizeof ellipses);
+    return seen & touches(g->mean[0], half_x, l->width) & touches(g->mean[1], half_y, l->height);
 }
 
-/* The mean in the picture; of what is not in front of the camera, some number. */
-static void find_mean(const Lens *l, const float *local, float *mean) {
-    float per_z = 1 / (local[2] > l->near ? local[2] : 1.0f);
-    mean[0] = local[0] * per_z * l->fx + l->cx, mean[1] = local[1] * per_z * l->fy + l->cy;
+/* Ellipse `lane` of some. */
+INLINE Ellipse ellipse_of(const V *e, int lane) {
+    return (Ellipse){e[0][lane], e[1][lane], e[2][lane], e[3][lane], e[4][lane], e[5][lane], e[6][lane]};
 }
 
 /* Positive floats order like their bits. */
@@ -128,138 +147,178 @@ static uint32_t key_of(float depth) {
     return key;
 }
 
+/* Fills `rows` with LANES numbers from `first` on, the last as often as is needed. Returns how many differ. */
+INLINE int fill_rows(int64_t first, int64_t past, int64_t *rows) {
+    for (int j = 0; j < LANES; j++) rows[j] = first + j < past ? first + j : past - 1;
+    return past - first < LANES ? (int)(past - first) : LANES;
+}
+
 /* Fills means, and keys and ellipses of those that show, of Gaussians `first` to `past`. */
-EXPORT void scar_project(const Scene *g, const Lens *l, int64_t first, int64_t past, float *means, uint32_t *keys,
-                         Ellipse *ellipses) {
-    for (int64_t i = first; i < past; i++) {
-        float local[3], *mean = means + 2 * i;
-        to_camera(l, g->centres + 3 * i, local);
-        find_mean(l, local, mean);
-        int seen = see(l, local, g->scales + 3 * i, g->rotations + 4 * i, g->opacities[i], mean, ellipses + i);
-        keys[i] = seen ? key_of(local[2]) : UNSEEN;
+EXPORT WIDE void scar_project(const Scene *g, const Lens *l, int64_t first, int64_t past, float *means, uint32_t *keys,
+                              Ellipse *ellipses) {
+    for (int64_t i = first; i < past; i += LANES) {
+        int64_t rows[LANES];
+        Group some;
+        V e[7] = {0};
+        int count = fill_rows(i, past, rows);
+        look_at(g, l, rows, &some);
+        M seen = see(l, &some, gather(g->opacities, 1, rows), e);
+        for (int j = 0; j < count; j++) {
+            means[2 * (i + j)] = some.mean[0][j], means[2 * (i + j) + 1] = some.mean[1][j];
+            keys[i + j] = seen[j] ? key_of(some.local[2][j]) : UNSEEN;
+            if (seen[j]) ellipses[i + j] = ellipse_of(e, j);
+        }
     }
 }
 
-static void find_colour(const Scene *g, const Lens *l, int64_t i, Splat *s) {
-    if (g->colours) {
-        const float *colour = g->colours + 3 * i;
-        s->red = colour[0], s->green = colour[1], s->blue = colour[2];
-        return;
+/* Fills the colours of splats, of Gaussians `rows` that show. */
+INLINE void find_colours(const Scene *g, const Lens *l, const int64_t *rows, M seen, Splat *splats) {
+    V basis[16], away[3];
+    if (!g->colours) {
+        for (int k = 0; k < 3; k++) away[k] = narrowed(gather_doubles(g->centres + k, rows) - l->eye[k]);
+        harmonic_basis(away[0], away[1], away[2], (int)g->degree, basis);
     }
-    double away[3];
-    for (int k = 0; k < 3; k++) away[k] = g->centres[3 * i + k] - l->eye[k];
-    float colour[3];
-    harmonic_colour(g->harmonics + 3 * g->coefficients * i, away, (int)g->degree, colour);
-    s->red = larger(colour[0], 0.0f), s->green = larger(colour[1], 0.0f), s->blue = larger(colour[2], 0.0f);
+    for (int j = 0; j < LANES; j++) {
+        if (!seen[j]) continue;
+        if (g->colours) {
+            memcpy(&splats->red, g->colours + 3 * rows[j], 3 * sizeof(float));
+        } else {
+            float colour[3];
+            harmonic_colour(g->harmonics + 3 * g->coefficients * rows[j], basis, j, (int)g->degree, colour);
+            for (int k = 0; k < 3; k++) (&splats->red)[k] = colour[k] > 0 ? colour[k] : 0;
+        }
+        splats++;
+    }
 }
 
-static void prefetch(const Scene *g, int64_t i) {
-    __builtin_prefetch(g->centres + 3 * i);
-    __builtin_prefetch(g->scales + 3 * i);
-    __builtin_prefetch(g->rotations + 4 * i);
-    if (!g->colours)
-        for (int64_t k = 0; k < 3 * g->coefficients; k += 16) __builtin_prefetch(g->harmonics + 3 * g->coefficients * i + k);
+/* Fills numbers, splats and entries of those of the Gaussians `found` that show. Returns how many. */
+WIDE static int64_t find_splats(const Scene *g, const Lens *l, const int32_t *found, int64_t count, uint64_t *entries,
+                                Splat *splats, int32_t *numbers) {
+    int64_t filled = 0;
+    for (int64_t k = 0; k < count; k += LANES) {
+        int64_t rows[LANES], first = filled;
+        Group some;
+        V e[7] = {0};
+        int here = fill_rows(k, count, rows);
+        for (int j = 0; j < LANES; j++) rows[j] = found[rows[j]];
+        look_at(g, l, rows, &some);
+        M seen = see(l, &some, gather(g->opacities, 1, rows), e);
+        for (int j = 0; j < LANES; j++) {
+            if (j >= here) seen[j] = 0;
+            if (!seen[j]) continue;
+            Splat *s = splats + filled;
+            s->mean_x = some.mean[0][j], s->mean_y = some.mean[1][j], s->ellipse = ellipse_of(e, j);
+            numbers[filled] = (int32_t)rows[j];
+            entries[filled] = (uint64_t)key_of(some.local[2][j]) << 32 | (uint64_t)filled;
+            filled++;
+        }
+        if (filled > first) find_colours(g, l, rows, seen, splats + first);
+    }
+    return filled;
 }
 
 /* Of the Gaussians `found`, rising, fills numbers of those that show; their splats, the nearest first, of equally near ones
 the first; and where in `numbers` the Gaussian of a splat is. Returns how many. Every array has room for `count`. */
 EXPORT int64_t scar_see(const Scene *g, const Lens *l, const int32_t *found, int64_t count, uint64_t *entries,
                         uint64_t *spare, Splat *unsorted, int32_t *numbers, Splat *splats, int32_t *order) {
-    int64_t seen = 0;
-    for (int64_t k = 0; k < count; k++) {
-        int64_t i = found[k];
-        if (k + AHEAD < count) prefetch(g, found[k + AHEAD]);
-        float local[3], mean[2];
-        Splat *s = unsorted + seen;
-        to_camera(l, g->centres + 3 * i, local);
-        find_mean(l, local, mean);
-        if (!see(l, local, g->scales + 3 * i, g->rotations + 4 * i, g->opacities[i], mean, &s->ellipse)) continue;
-        s->mean_x = mean[0], s->mean_y = mean[1];
-        find_colour(g, l, i, s);
-        numbers[seen] = (int32_t)i;
-        entries[seen] = (uint64_t)key_of(local[2]) << 32 | (uint64_t)seen;
-        seen++;
-    }
+    int64_t seen = find_splats(g, l, found, count, entries, unsorted, numbers);
     const uint64_t *sorted = sort_entries(entries, spare, seen);
     for (int64_t k = 0; k < seen; k++) {
-        if (k + AHEAD < seen) __builtin_prefetch(unsorted + (sorted[k + AHEAD] & UINT32_MAX));
+        if (k + LANES < seen) __builtin_prefetch(unsorted + (sorted[k + LANES] & UINT32_MAX));
         order[k] = (int32_t)(sorted[k] & UINT32_MAX);
         splats[k] = unsorted[order[k]];
     }
     return seen;
 }
 
-static void to_quaternion(const float g[3][3], const Shape *s, float *out) {
-    float w = s->w, x = s->x, y = s->y, z = s->zed;
-    float skew_x = g[2][1] - g[1][2], skew_y = g[0][2] - g[2][0], skew_z = g[1][0] - g[0][1];
-    float both_xy = g[0][1] + g[1][0], both_xz = g[0][2] + g[2][0], both_yz = g[1][2] + g[2][1];
-    float of_w = 2 * (x * skew_x + y * skew_y + z * skew_z);
-    float of_x = 2 * (w * skew_x + y * both_xy + z * both_xz - 2 * x * (g[1][1] + g[2][2]));
-    float of_y = 2 * (w * skew_y + x * both_xy + z * both_yz - 2 * y * (g[0][0] + g[2][2]));
-    float of_z = 2 * (w * skew_z + x * both_xz + y * both_yz - 2 * z * (g[0][0] + g[1][1]));
-    float along = of_w * w + of_x * x + of_y * y + of_z * z;
+INLINE void to_quaternion(const V g[3][3], const Shape *s, V *out) {
+    V w = s->w, x = s->x, y = s->y, z = s->zed;
+    V skew_x = g[2][1] - g[1][2], skew_y = g[0][2] - g[2][0], skew_z = g[1][0] - g[0][1];
+    V both_xy = g[0][1] + g[1][0], both_xz = g[0][2] + g[2][0], both_yz = g[1][2] + g[2][1];
+    V of_w = 2.0f * (x * skew_x + y * skew_y + z * skew_z);
+    V of_x = 2.0f * (w * skew_x + y * both_xy + z * both_xz - 2.0f * x * (g[1][1] + g[2][2]));
+    V of_y = 2.0f * (w * skew_y + x * both_xy + z * both_yz - 2.0f * y * (g[0][0] + g[2][2]));
+    V of_z = 2.0f * (w * skew_z + x * both_xz + y * both_yz - 2.0f * z * (g[0][0] + g[1][1]));
+    V along = of_w * w + of_x * x + of_y * y + of_z * z;
     out[0] = (of_w - along * w) / s->length, out[1] = (of_x - along * x) / s->length;
     out[2] = (of_y - along * y) / s->length, out[3] = (of_z - along * z) / s->length;
 }
 
-/* The gradient of an ellipse, towards (across, slope, down), added to that of `local`; scales and rotation are filled. */
-static void shape_back(const Lens *l, const Shape *s, const float *scales, const float *towards, float *to_local,
-                       float *to_scales, float *to_rotation) {
-    float mixed = s->down * towards[1], of_e = 2 * s->across * s->across * towards[0];
-    float of_b = 2 * s->down * s->down * towards[2], ridge[3], e_turned[3], to_e[3], to_b[3];
+/* The gradients of ellipses, towards (across, slope, down), added to those of `local`; scales and rotations are filled. */
+INLINE void shape_back(const Lens *l, const Shape *s, const V *scales, const V *towards, V *to_local, V *to_scales,
+                       V *to_rotation) {
+    V mixed = s->down * towards[1], of_e = 2.0f * s->across * s->across * towards[0];
+    V of_b = 2.0f * s->down * s->down * towards[2], ridge[3], e_turned[3], to_e[3], to_b[3];
     cross(s->b, s->normal, ridge);
-    float to_z = 0.0f;
+    V to_z = all(0);
     for (int k = 0; k < 3; k++) {
-        float e = s->down * (ridge[k] + l->dilation * s->a[k]);
-        e_turned[k] = e / larger(scales[k], TINY);
+        V e = s->down * (ridge[k] + l->dilation * s->a[k]);
+        e_turned[k] = e / larger(scales[k], all(TINY));
         to_e[k] = mixed * s->b[k] - of_e * e, to_b[k] = mixed * e - of_b * s->b[k];
         to_scales[k] = to_e[k] * e_turned[k] + to_b[k] * s->turned_y[k];
         to_z -= to_scales[k] * scales[k];
         to_e[k] *= scales[k], to_b[k] *= scales[k];
     }
-    float matrix[3][3], to_slope_x = 0.0f, to_slope_y = 0.0f;
+    V matrix[3][3], to_slope_x = all(0), to_slope_y = all(0);
     for (int k = 0; k < 3; k++) {
-        float e_jacobian = dot(s->rotation[k], e_turned), of_x = dot(s->rotation[k], to_e);
+        V e_jacobian = dot(s->rotation[k], e_turned), of_x = dot(s->rotation[k], to_e);
         for (int c = 0; c < 3; c++) matrix[k][c] = e_jacobian * to_e[c] + s->jacobian_y[k] * to_b[c];
         to_slope_x -= (float)l->pose[8 + k] * of_x;
         to_slope_y -= (float)l->pose[8 + k] * (dot(s->rotation[k], to_b) - s->slope * of_x);
     }
-    float per_z = 1.0f / s->z;
-    to_slope_x *= fabsf(s->slope_x) <= l->limit_x ? l->fx * per_z * per_z : 0.0f;
-    to_slope_y *= fabsf(s->slope_y) <= l->limit_y ? l->fy * per_z * per_z : 0.0f;
+    V per_z = 1.0f / s->z;
+    to_slope_x *= where(magnitude(s->slope_x) <= l->limit_x, l->fx * per_z * per_z, all(0));
+    to_slope_y *= where(magnitude(s->slope_y) <= l->limit_y, l->fy * per_z * per_z, all(0));
     to_local[0] += to_slope_x, to_local[1] += to_slope_y;
     to_local[2] += to_z * per_z - to_slope_x * s->slope_x - to_slope_y * s->slope_y;
     to_quaternion(matrix, s, to_rotation);
 }
 
-static void mean_back(const Lens *l, const float *local, const float *towards, float *to_local) {
-    if (!(local[2] > l->near)) {
-        to_local[0] = l->fx * towards[0], to_local[1] = l->fy * towards[1], to_local[2] = 0.0f;
-        return;
-    }
-    to_local[0] = l->fx / local[2] * towards[0], to_local[1] = l->fy / local[2] * towards[1];
-    to_local[2] = -(to_local[0] * local[0] + to_local[1] * local[1]) / local[2];
+INLINE void mean_back(const Lens *l, const V *local, const V *towards, V *to_local) {
+    M before = local[2] > l->near;
+    V z = where(before, local[2], all(1));
+    to_local[0] = l->fx / z * towards[0], to_local[1] = l->fy / z * towards[1];
+    to_local[2] = where(before, -(to_local[0] * local[0] + to_local[1] * local[1]) / z, all(0));
 }
 
 /* Fills the gradients of centres, scales and rotations of Gaussians `first` to `past` from those of means and of the
 ellipses, whose rows `places` gives (-1 where a Gaussian does not show). */
-EXPORT void scar_project_back(const Scene *g, const Lens *l, int64_t first, int64_t past, const int32_t *places,
-                              const float *to_means, const float *to_ellipses, float *to_centres, float *to_scales,
-                              float *to_rotations) {
+EXPORT WIDE void scar_project_back(const Scene *g, const Lens *l, int64_t first, int64_t past, const int32_t *places,
+                                   const float *to_means, const float *to_ellipses, float *to_centres, float *to_scales,
+                                   float *to_rotations) {
     memset(to_scales + 3 * first, 0, sizeof(float) * 3 * (past - first));
     memset(to_rotations + 4 * first, 0, sizeof(float) * 4 * (past - first));
-    for (int64_t i = first; i < past; i++) {
-        float local[3], to_local[3];
-        to_camera(l, g->centres + 3 * i, local);
-        mean_back(l, local, to_means + 2 * i, to_local);
-        if (places[i] >= 0) {
-            Shape s;
-            find_shape(l, local, g->scales + 3 * i, g->rotations + 4 * i, &s);
-            shape_back(l, &s, g->scales + 3 * i, to_ellipses + 3 * places[i], to_local, to_scales + 3 * i,
-                       to_rotations + 4 * i);
+    for (int64_t i = first; i < past; i += LANES) {
+        int64_t rows[LANES];
+        Group some;
+        Shape s;
+        V to_local[3], of_scales[3], of_rotations[4], of_shape[3] = {0}, towards[2], unmoved[3];
+        M shown;
+        int count = fill_rows(i, past, rows);
+        look_at(g, l, rows, &some);
+        for (int j = 0; j < LANES; j++) {
+            int64_t place = places[rows[j]];
+            shown[j] = place >= 0 ? -1 : 0;
+            for (int k = 0; k < 3; k++) of_shape[k][j] = place >= 0 ? to_ellipses[3 * place + k] : 0;
         }
-        for (int k = 0; k < 3; k++)
-            to_centres[3 * i + k] = (float)(l->pose[k] * to_local[0] + l->pose[4 + k] * to_local[1] +
-                                            l->pose[8 + k] * to_local[2]);
+        for (int k = 0; k < 2; k++) towards[k] = gather(to_means + k, 2, rows);
+        mean_back(l, some.local, towards, to_local);
+        if (any(shown)) {
+            memcpy(unmoved, to_local, sizeof unmoved);
+            find_shape(l, &some, &s);
+            shape_back(l, &s, some.scales, of_shape, to_local, of_scales, of_rotations);
+            for (int k = 0; k < 3; k++) to_local[k] = where(shown, to_local[k], unmoved[k]);
+        }
+        for (int k = 0; k < 3; k++) {
+            D to_centre = l->pose[k] * widened(to_local[0]) + l->pose[4 + k] * widened(to_local[1]) +
+                          l->pose[8 + k] * widened(to_local[2]);
+            V centre = narrowed(to_centre);
+            for (int j = 0; j < count; j++) to_centres[3 * (i + j) + k] = centre[j];
+        }
+        for (int j = 0; j < count; j++) {
+            if (!shown[j]) continue;
+            for (int k = 0; k < 3; k++) to_scales[3 * (i + j) + k] = of_scales[k][j];
+            for (int k = 0; k < 4; k++) to_rotations[4 * (i + j) + k] = of_rotations[k][j];
+        }
     }
 }
