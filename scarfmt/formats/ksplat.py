@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scarfmt.arrays import F32, F64
-from scarfmt.errors import Unsupported
+from scarfmt.errors import InvalidInput, Unsupported
 from scarfmt.formats.quantise import dc_of_colour, logit_of_alpha
 from scarfmt.formats.source import Source
 from scarfmt.scene.gaussians import GaussianScene, concatenate
@@ -108,6 +108,8 @@ def load(source: Source) -> GaussianScene:
     try:
         for section in _sections(data, layout):
             parts.append(_read(source, data, section, layout))
+    except InvalidInput:  # a ValueError too
+        raise
     except (ValueError, struct.error) as error:
         raise source.corrupt(f"a damaged section of the .ksplat ({error})") from error
     scene = concatenate(parts)

@@ -87,6 +87,17 @@ _MODELS = {
 _MODEL_NAMES = ", ".join(str(name) for name in _MODELS if name)
 
 
+def _is_lossy(data: bytes) -> bool:
+    """Whether a WebP has pixels that are not those given to its encoder (RFC 9649, chunk `VP8 `)."""
+    at = 12 if data[:4] == b"RIFF" and data[8:12] == b"WEBP" else len(data)
+    while at + 8 <= len(data):
+        if data[at : at + 4] in (b"VP8 ", b"VP8L"):
+            return data[at : at + 4] == b"VP8 "
+        size = int.from_bytes(data[at + 4 : at + 8], "little")
+        at += 8 + size + size % 2
+    return False
+
+
 class _Reader:
     """Decodes one SOG from its metadata and the folder of its images."""
 
@@ -230,6 +241,8 @@ class _Reader:
         except ModuleNotFoundError as error:
             raise missing_package("pillow", "import") from error
         data = self._folder.source(name).read()
+        if _is_lossy(data):
+            raise self.source.corrupt("a WebP with losses, as image optimisers make: its numbers are lost", field=name)
         try:
             with Image.open(io.BytesIO(data), formats=("WEBP", "PNG")) as image:
                 self._check_size(name, image.size, square)

@@ -7,6 +7,7 @@ import struct
 import numpy as np
 import pytest
 
+from scarfmt.errors import InvalidInput
 from scarfmt.formats import load
 from tests.formats.scene_files import ksplat, read_scene, unit_quaternions
 from tests.samples.codec_samples import refuses
@@ -57,3 +58,9 @@ def test_headers_that_do_not_fit_are_refused(offset: int, value: bytes, refusal:
     data = ksplat()
     changed = data[:offset] + value + data[offset + len(value) :]
     refuses(refusal, lambda: load(changed, format="ksplat"))
+
+
+def test_a_cut_file_is_refused_in_one_sentence() -> None:
+    with pytest.raises(InvalidInput) as caught:
+        load(ksplat()[:-3], format="ksplat")
+    assert caught.value.message.count("get an undamaged copy") == 1

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import json
 import os
 import zipfile
@@ -9,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from PIL import Image
 
 from scarfmt.container.registries import RenderModel
 from scarfmt.errors import InvalidInput, LimitExceeded, Unsupported
@@ -72,6 +74,19 @@ def test_the_palette_says_the_degree_where_bands_do_not(bands: object) -> None:
     if bands == "absent":
         del meta["shN"]["bands"]
     np.testing.assert_array_equal(read(files | {"meta.json": json.dumps(meta).encode()}).sh, read(files).sh)
+
+
+@pytest.mark.parametrize("has_alpha", [True, False])
+@pytest.mark.parametrize("name", ["means_u.webp", "quats.webp"])
+def test_an_image_that_was_compressed_with_losses_is_refused(name: str, has_alpha: bool) -> None:
+    """Servers and page builders rewrite pictures so: its pixels are near, but numbers are not."""
+    files = sog_files()
+    out = io.BytesIO()
+    with Image.open(io.BytesIO(files[name])) as image:
+        image.convert("RGBA" if has_alpha else "RGB").save(out, "WEBP", quality=90)
+    with pytest.raises(InvalidInput, match="with losses") as caught:
+        read(files | {name: out.getvalue()})
+    assert caught.value.field == name
 
 
 def test_a_member_of_other_formats_does_not_mislead() -> None:
