@@ -60,7 +60,7 @@ from scarfmt.tools.inspection import inspect
 NAME, RIVALS, EXAMPLE = "quality", "rivals", "example"
 README, EXAMPLES = REPOSITORY / "README.md", REPOSITORY / "examples"
 QUALITIES, HEADLINE = (41.0, 47.0), 47.0
-"""Measured layer by layer; README.md and the table of streams show the second."""
+"""Measured layer by layer; README.md and the table of first layers show the second."""
 DEFAULT_EFFORT = EncodeOptions().effort
 HEADLINE_NAMES = f" q{HEADLINE:g} e{DEFAULT_EFFORT}"
 """How the names of the files in README.md end in the results."""
@@ -133,7 +133,6 @@ def _measure_layer(original: Subject, views: Sequence[View], scene: Scene, path:
         "bytes": row["end_offset"],
         "bytes_per_source": row["bytes_per_source"],
         "anchors": row["anchors"],
-        "streams": row["streams"],
         **judge(original, decoded, views),
         "photos_psnr_db": measure_photos_psnr(scene, decoded),
     }
@@ -190,7 +189,8 @@ def make_tables(runs: Sequence[Run]) -> str:
     """The section of docs/results.md."""
     known = sort_runs(runs)
     layered = [run for run in known if run["quality"] in (HEADLINE, SHORT_QUALITY) and not run["whole"]]
-    return f"{make_asked_table(known)}\n\nWhere the bits go:\n\n{make_streams_table(layered)}"
+    firsts = f"First layers, {HEADLINE:g} dB asked:\n\n{make_first_layers_table(layered)}"
+    return f"{make_asked_table(known)}\n\n{firsts}"
 
 
 def title(name: str) -> str:
@@ -229,18 +229,15 @@ def _mark_note() -> str:
     return f"{FITTED_MARK.strip()} The encoder was tuned on this scene."
 
 
-def make_streams_table(runs: Sequence[Run]) -> str:
-    """Bits of each stream for a Gaussian (or anchor) of the source."""
-    kinds = [kind for kind in runs[0]["layers"][0]["streams"] if any(_stream_bytes(run, kind) for run in runs)]
-    rows = [
-        [run["scene"], *(f"{8 * _stream_bytes(run, kind) / run['source_count']:.1f}" for kind in kinds)] for run in runs
-    ]
-    head = ["bits a Gaussian", *(kind.replace("_", " ") for kind in kinds)]
-    return table(head, rows)
-
-
-def _stream_bytes(run: Run, kind: str) -> int:
-    return sum(int(layer["streams"].get(kind, 0)) for layer in run["layers"])
+def make_first_layers_table(runs: Sequence[Run]) -> str:
+    """What the first layer of each file shows, and its share of the file."""
+    rows = []
+    for run in runs:
+        first, last = run["layers"][0], run["layers"][-1]
+        share = f"{100 * first['bytes'] / last['bytes']:.0f} %"
+        levels = (f"{first[name]:.1f}" for name in LEVELS)
+        rows.append([title(run["scene"]), _kilobytes(first["bytes"]), share, *levels])
+    return table(["scene", "kB", "of the file", "mean", f"{PERCENTILE} %", "worst"], rows)
 
 
 def make_headline(runs: Sequence[Run], rivals: dict[str, Run]) -> str:
