@@ -16,7 +16,7 @@ from __future__ import annotations
 import math
 import warnings
 from collections.abc import Mapping
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 from typing import Any
 
 import numpy as np
@@ -162,7 +162,7 @@ def _camera(record: Record, placed: _Placement, splits: dict[str, str]) -> Camer
     record.check_rotation("transform_matrix", camera_to_world[:3, :3])
     pose = inverted(placed(camera_to_world @ _FLIP))
     name = record.text("file_path")
-    return record.camera("transform_matrix", pose, size, (focal_x, focal_y), centre, name, splits.get(name, ""))
+    return record.camera("transform_matrix", pose, size, (focal_x, focal_y), centre, name, splits.get(_plain(name), ""))
 
 
 def _focal(record: Record, key: str, angle_key: str, pixels: int, default: float | None) -> float:
@@ -202,7 +202,8 @@ def picture_file(folder: Path, name: str) -> Path | None:
     """The picture of a name, which lists may give without its ending; None where there is none."""
     if not name:
         return None
-    candidates = (folder / f"{name}{ending}" for ending in ENDINGS)
+    # Lists that were made on Windows have its separator.
+    candidates = (folder / f"{form}{ending}" for form in (name, name.replace("\\", "/")) for ending in ENDINGS)
     return next((file for file in candidates if file.is_file()), None)
 
 
@@ -213,5 +214,10 @@ def _splits(file: str, document: Mapping[str, Any]) -> dict[str, str]:
         names = document.get(key, [])
         if not isinstance(names, list) or not all(isinstance(name, str) for name in names):
             raise Record(file, "top level", {}).fault(key, f"{key} has to be a list of file names")
-        splits.update(dict.fromkeys(names, split))
+        splits.update(dict.fromkeys(map(_plain, names), split))
     return splits
+
+
+def _plain(name: str) -> str:
+    """A name as all writers would have it: `./` before it, or the separator of Windows, make no other picture."""
+    return str(PurePosixPath(name.replace("\\", "/")))

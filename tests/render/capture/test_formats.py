@@ -146,6 +146,17 @@ def test_each_photo_says_its_own_size(ending: str, tmp_path: Path) -> None:
         load_cameras(path)
 
 
+@pytest.mark.parametrize("name", ["photos/a.png", "./photos/a.png", ".\\photos\\a.png", "./photos/a"])
+def test_a_photo_is_found_however_its_name_is_written(name: str, tmp_path: Path) -> None:
+    (tmp_path / "photos").mkdir()
+    write_png(tmp_path / "photos" / "a.png", np.zeros((6, 8, 3), np.float32))
+    frame = {"file_path": name, "transform_matrix": np.eye(4).tolist()}
+    plain = "photos/a.png" if name.endswith(".png") else "photos/a"
+    content = {"camera_angle_x": 0.8, "frames": [frame], "test_filenames": [plain]}
+    (camera,) = load_cameras(files.in_json(content, tmp_path / "transforms.json"))
+    assert (camera.width, camera.height, camera.split) == (8, 6, "test")
+
+
 def test_images_with_one_line_each_are_all_read(tmp_path: Path) -> None:
     """COLMAP writes a line of points after each; tools without points leave out the empty line."""
     model = files.colmap_text(SEVERAL, tmp_path)
