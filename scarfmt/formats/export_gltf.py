@@ -20,7 +20,7 @@ from scarfmt.container.registries import ColourSpace
 from scarfmt.errors import InvalidInput
 from scarfmt.formats import gltf as layout
 from scarfmt.formats.frame import LUF_TO_RDF, Signs, flip_axes, flip_up, signs_to
-from scarfmt.formats.output import CoarseSteps, Described, Losses, Parts, Says, Spool, Written, finite
+from scarfmt.formats.output import CoarseSteps, Described, Losses, Parts, Says, Spool, Written, check_float32, finite
 from scarfmt.formats.quantise import SH_C0, opacities, unit_quaternions
 from scarfmt.scene.gaussians import GaussianScene
 from scarfmt.scene.rotation import matrix_from_quaternion
@@ -114,8 +114,7 @@ def _values(scene: GaussianScene, linear: bool, losses: Losses) -> dict[str, NDA
     with np.errstate(over="ignore", under="ignore"):  # what overflows is refused below
         positions = scene.positions.astype("<f4")
         scales = np.exp(scene.log_scales.astype(np.float64)).astype("<f4")
-    if not (np.isfinite(positions).all() and np.isfinite(scales).all()):
-        raise InvalidInput("output-range", "a position or a scale is too large for the float32 of glTF")
+    check_float32(positions, scales, "glTF")
     losses.count("scales too small for float32, written as 0", scales == 0)
     rotations = unit_quaternions(scene.rotations)[:, [1, 2, 3, 0]].astype("<f4")
     arrays = [positions, _colour(scene, opacity, linear), rotations, scales, opacity.astype("<f4")[:, None]]

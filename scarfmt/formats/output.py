@@ -121,7 +121,7 @@ def move_near_zero(parts: Parts, described: Described) -> tuple[Parts, Described
     places = places[np.isfinite(places).all(axis=1)]
     if not len(places):
         return parts, described
-    origin = np.rint(_middle(places))
+    origin = np.rint(_middle(places)) + 0.0  # no -0 in messages
     far = float(np.abs(origin).max())
     reach = float(np.sort(np.abs(places - origin).max(axis=1))[9 * (len(places) - 1) // 10])
     size = float(_middle(gaussian_sizes(first.log_scales)))
@@ -257,6 +257,19 @@ class Says(Flag):
     def can_name(self, coordinate_reference: str) -> bool:
         """Whether it has words for this coordinate reference."""
         return Says.ANY_REFERENCE in self or (Says.EPSG in self and coordinate_reference.startswith("EPSG:"))
+
+
+def check_float32(positions: NDArray[np.floating], scales: NDArray[np.floating], title: str) -> None:
+    """Refuse positions and sizes, (N, 3) each, that have become infinite as float32.
+
+    Raises:
+        InvalidInput: ``output-range``.
+    """
+    for what, values, more in (("position", positions, ""), ("size", scales, ", or write a PLY, which has logarithms")):
+        beyond = int(np.count_nonzero(~np.isfinite(values).all(axis=1)))
+        if beyond:
+            message = f"the {what} of {beyond:,} of {len(values):,} Gaussians is too large for the float32 of {title}"
+            raise InvalidInput("output-range", f"{message}; leave such Gaussians out{more}")
 
 
 def finite(parts: Parts, title: str) -> Iterator[GaussianScene]:

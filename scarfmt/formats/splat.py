@@ -10,8 +10,7 @@ from typing import BinaryIO
 
 import numpy as np
 
-from scarfmt.errors import InvalidInput
-from scarfmt.formats.output import CoarseSteps, Described, Losses, Parts, Says, Written, finite
+from scarfmt.formats.output import CoarseSteps, Described, Losses, Parts, Says, Written, check_float32, finite
 from scarfmt.formats.quantise import SH_C0, alpha_of_logit, dc_of_colour, logit_of_alpha, unit_quaternions
 from scarfmt.formats.source import Source
 from scarfmt.scene.gaussians import GaussianScene
@@ -63,8 +62,7 @@ def write_splat(parts: Parts, described: Described, target: BinaryIO) -> Written
         with np.errstate(over="ignore", under="ignore"):  # what overflows is refused below
             rows["position"] = scene.positions
             rows["scale"] = np.exp(scene.log_scales.astype(np.float64))
-        if not (np.isfinite(rows["position"]).all() and np.isfinite(rows["scale"]).all()):
-            raise InvalidInput("output-range", "a position or a scale is too large for the float32 of .splat")
+        check_float32(rows["position"], rows["scale"], ".splat")
         colours = scene.sh[:, 0].astype(np.float64) * SH_C0 + 0.5
         losses.count("colours outside 0 to 1, set to the nearest", (colours < -0.5 / 255) | (colours > 255.5 / 255))
         losses.count("spherical harmonics, left out", scene.sh[:, 1:] != 0)

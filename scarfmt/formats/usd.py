@@ -21,7 +21,7 @@ from scarfmt.arrays import F64
 from scarfmt.blocks.metadata import check_registered
 from scarfmt.errors import InvalidInput, Malformed, Unsupported, missing_package
 from scarfmt.formats.frame import RUB_TO_RDF, Signs, flip_axes, signs_to
-from scarfmt.formats.output import CoarseSteps, Described, Losses, Parts, Says, Written, finite
+from scarfmt.formats.output import CoarseSteps, Described, Losses, Parts, Says, Written, check_float32, finite
 from scarfmt.formats.quantise import log_scale, logit_of_opacity, opacities, unit_quaternions
 from scarfmt.formats.source import Source, is_zip, member_names
 from scarfmt.scene.description import USUAL_UP, Description
@@ -261,8 +261,7 @@ def _values(scene: GaussianScene, losses: Losses) -> dict[str, Any]:
     with np.errstate(over="ignore", under="ignore"):  # what overflows is refused below
         positions = scene.positions.astype(np.float32)
         scales = np.exp(scene.log_scales.astype(np.float64)).astype(np.float32)
-    if not (np.isfinite(positions).all() and np.isfinite(scales).all()):
-        raise InvalidInput("output-range", "a position or a scale is too large for the float32 of USD")
+    check_float32(positions, scales, "USD")
     losses.count("scales too small for float32, written as 0", scales == 0)
     reach = 3 * scales.max(axis=1, keepdims=True)
     return {

@@ -225,6 +225,14 @@ def test_positions_beyond_reach_are_refused(format_id: str, options: SpzOptions 
     refuses("output-range", lambda: written(format_id, scene, options))
 
 
+@pytest.mark.parametrize("format_id", ["splat", "glb"])
+def test_sizes_beyond_float32_are_counted_and_another_format_is_named(format_id: str) -> None:
+    scene = odd_scene(6, 3, 0, reach=1.0)
+    scene.log_scales[1, 2] = 100
+    with pytest.raises(InvalidInput, match="the size of 1 of 3 Gaussians is too large .* write a PLY"):
+        written(format_id, scene)
+
+
 def test_the_refusal_of_a_step_names_one_that_reaches() -> None:
     scene = odd_scene(6, 3, 0, reach=1.0)
     scene.positions[2, 1] = 2048.0
