@@ -229,7 +229,7 @@ def test_positions_beyond_reach_are_refused(format_id: str, options: SpzOptions 
 def test_sizes_beyond_float32_are_counted_and_another_format_is_named(format_id: str) -> None:
     scene = odd_scene(6, 3, 0, reach=1.0)
     scene.log_scales[1, 2] = 100
-    with pytest.raises(InvalidInput, match="the size of 1 of 3 Gaussians is too large .* write a PLY"):
+    with pytest.raises(InvalidInput, match=r"the size of 1 of 3 Gaussians is too large .* write a PLY"):
         written(format_id, scene)
 
 
