@@ -28,7 +28,6 @@ await build({
     viewer: "src/viewer/viewer.ts",
     element: "src/viewer/element.ts",
     three: "src/adapters/three.ts",
-    spark: "src/adapters/spark.ts",
     playcanvas: "src/adapters/playcanvas.ts",
   },
   ...PACKED,

@@ -28,12 +28,4 @@ describe("the queue of decoders", () => {
     queue.delete(1);
     assert.equal(queue.turnEnd(0, Uint8Array.of(0, 0)), 4);
   });
-
-  it("puts what has no place in the plan last", () => {
-    const queue = new Queue(2, 1);
-    queue.setPlan(steps("1:1"));
-    queue.add(0);
-    queue.add(1);
-    assert.deepEqual(queue.inOrder(Uint8Array.of(0, 0)), [1, 0]);
-  });
 });

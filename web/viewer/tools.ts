@@ -25,6 +25,7 @@ export function listen(page: Page, open: (files: Iterable<File>, links?: string[
     beside: ["KeyC", () => page.compare()],
     picture: ["KeyI", () => void page.shoot()],
     link: ["KeyL", () => void page.link().then(note)],
+    headset: ["KeyX", () => void page.viewers[0]?.enterXR().catch(({ message }: Error) => note(message))],
     help: ["", () => toggleHelp()],
     again: ["", () => page.again()],
   };
@@ -32,6 +33,7 @@ export function listen(page: Page, open: (files: Iterable<File>, links?: string[
   element("stages").onpointerdown = () => (element<HTMLDetailsElement>("more").open = false);
   background.oninput = () => colour(background.value);
   views.onchange = () => page.go(views.value);
+  void navigator.xr?.isSessionSupported("immersive-vr").then((has) => (element("headset").hidden = !has));
   const keys = Object.fromEntries(Object.values(actions));
   keys["KeyB"] = () => colour(BACKGROUNDS[(BACKGROUNDS.indexOf(background.value) + 1) % BACKGROUNDS.length]);
   keys["KeyP"] = () => document.querySelectorAll<HTMLDetailsElement>(".panel").forEach((panel) => (panel.open = !panel.open));

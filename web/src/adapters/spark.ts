@@ -1,5 +1,5 @@
 /**
- * Draws a stream of tiles with Spark (three.js): `SplatMesh` over textures of our own, rewritten in place.
+ * Textures of a scene that Spark draws from, rewritten in place, and what makes it draw as scenes were trained to look.
  *
  * Spark's own words keep 8 bits of scale and rotation and 5 to 8 of harmonics; ours keep what a layer refines (words.ts).
  * A tile that is refined is written over and takes more places at its end, so nothing moves, and no copy of the textures
@@ -130,8 +130,6 @@ const READ_HARMONICS = `
   }
 `;
 
-export { placesFor } from "../pack/places.js";
-
 /** What a `SplatMesh` reads from; Spark exports its uses, not its name. */
 type SplatSource = NonNullable<SplatMesh["splats"]>;
 
@@ -182,18 +180,18 @@ export class ScarSplats implements SplatSource {
     }
   }
 
-  /** Uploads up to `bytes`; true if anything was written, so that the mesh has to be drawn anew. */
-  upload(bytes: number = UPLOAD_BYTES): boolean {
-    let left = bytes;
+  /** Uploads as much as a frame has time for; true if anything was written, so that the mesh has to be drawn anew. */
+  upload(): boolean {
+    let left = UPLOAD_BYTES;
     const each = 16 * (GEOMETRY_TEXELS + this.shDegree);
     for (const [tile, part] of this.pending) {
-      if (left < each && left < bytes) break;
+      if (left < each && left < UPLOAD_BYTES) break;
       left -= each * this.writePart(part, Math.max(1, Math.floor(left / each)));
       if (part.done < part.words.count) continue;
       this.pending.delete(tile);
       this.onWritten(part.words);
     }
-    return left < bytes;
+    return left < UPLOAD_BYTES;
   }
 
   /** Whether `upload` has something to do. */
@@ -278,49 +276,6 @@ export class ScarSplats implements SplatSource {
   /** Spark asks for numbers of single Gaussians when it picks with a ray; that is not offered: nothing is kept in memory. */
   forEachSplat(): void {
     throw new Error("a streamed scene keeps its Gaussians on the GPU alone: make the mesh with raycastable: false");
-  }
-}
-
-/** Draws a `ScarSplats` in a scene that Spark renders: add `mesh` to it and call `refresh` before every frame. */
-export class ScarMesh {
-  readonly mesh: SplatMesh;
-  private stale = false;
-
-  constructor(
-    private readonly spark: SparkRenderer,
-    readonly source: ScarSplats,
-  ) {
-    this.mesh = new SplatMesh({ splats: source, raycastable: false, enableLod: false });
-  }
-
-  /** Uploads what has come; true while something is still to be drawn, so that another frame is needed. */
-  refresh(bytes: number = UPLOAD_BYTES): boolean {
-    this.stale = this.source.upload(bytes) || this.stale;
-    // A new version is lost on Spark while it sorts the last one.
-    const marks = this.stale && !this.spark.sorting;
-    if (marks) {
-      this.mesh.updateVersion();
-      this.stale = false;
-    }
-    return marks || this.stale || this.source.waiting || this.spark.sorting;
-  }
-
-  /** Takes away what was put for a tile. */
-  remove(tile: number): void {
-    this.source.clear(tile);
-    this.stale = true;
-  }
-
-  /** Draws harmonics up to a degree. */
-  showDegree(degree: number): void {
-    this.mesh.maxSh = degree;
-    this.source.setMaxSh(degree);
-    this.stale = true;
-  }
-
-  dispose(): void {
-    this.mesh.dispose();
-    this.source.dispose();
   }
 }
 

@@ -3,7 +3,7 @@
  * camera that the scene is rendered with.
  */
 
-import { SparkRenderer } from "@sparkjsdev/spark";
+import { SparkRenderer, SplatMesh } from "@sparkjsdev/spark";
 import * as THREE from "three";
 
 import type { PackedTile } from "../decoder/types.js";
@@ -13,7 +13,7 @@ import { verticalField } from "../plan/framing.js";
 import type { Budgets, Camera } from "../plan/types.js";
 import { Feed, type FeedOptions } from "../stream/feed.js";
 import type { SourceLike } from "../stream/source.js";
-import { drawModel, makeSpark, ScarMesh, ScarSplats } from "./spark.js";
+import { drawModel, makeSpark, ScarSplats } from "./spark.js";
 
 const ALL_DEGREES = 3;
 
@@ -26,7 +26,9 @@ export class ScarScene extends THREE.Group {
   readonly feed: Feed;
   #renderer: THREE.WebGLRenderer | null = null;
   #spark: SparkRenderer | null = null;
-  #mesh: ScarMesh | null = null;
+  #drawn: { mesh: SplatMesh; splats: ScarSplats } | null = null;
+  /** Whether the mesh lacks what its textures have. */
+  #stale = false;
   #degree = ALL_DEGREES;
   readonly #restart = () => this.feed.restart();
 
@@ -57,7 +59,10 @@ export class ScarScene extends THREE.Group {
 
   set shDegree(degree: number) {
     this.#degree = degree;
-    this.#mesh?.showDegree(degree);
+    if (this.#drawn === null) return;
+    this.#drawn.mesh.maxSh = degree;
+    this.#drawn.splats.setMaxSh(degree);
+    this.#stale = true;
   }
 
   /** Gaussians that the last frame drew. */
@@ -84,7 +89,21 @@ export class ScarScene extends THREE.Group {
   #update(renderer: THREE.WebGLRenderer, scene: THREE.Object3D, camera: THREE.Camera): void {
     if (this.#renderer === null) this.#begin(renderer, scene);
     this.feed.look(this.#viewOf(renderer, camera));
-    this.busy = this.#mesh?.refresh() ?? false;
+    this.busy = this.#refresh();
+  }
+
+  /** Uploads what has come; true while something is still to be drawn. */
+  #refresh(): boolean {
+    const [drawn, spark] = [this.#drawn, this.#spark];
+    if (drawn === null || spark === null) return false;
+    this.#stale = drawn.splats.upload() || this.#stale;
+    // A new version is lost on Spark while it sorts the last one.
+    const marks = this.#stale && !spark.sorting;
+    if (marks) {
+      drawn.mesh.updateVersion();
+      this.#stale = false;
+    }
+    return marks || this.#stale || drawn.splats.waiting || spark.sorting;
   }
 
   #begin(renderer: THREE.WebGLRenderer, scene: THREE.Object3D): void {
@@ -95,26 +114,30 @@ export class ScarScene extends THREE.Group {
     this.#spark = spark;
     this.feed.drawOn({
       open: (front, budgets) => this.#open(renderer, spark, front, budgets),
-      put: (words) => this.#mesh?.source.put(words),
-      remove: (tile) => this.#mesh?.remove(tile),
+      put: (words) => this.#drawn?.splats.put(words),
+      remove: (tile) => {
+        this.#drawn?.splats.clear(tile);
+        this.#stale = true;
+      },
     });
   }
 
   #open(renderer: THREE.WebGLRenderer, spark: SparkRenderer, front: Front, budgets: Budgets): void {
     this.#clear();
     drawModel(spark, front.header.render_model);
-    const source = new ScarSplats(renderer, placesFor(front, budgets), front.header.sh_degree);
-    source.onWritten = (words) => this.onWritten(words);
-    this.#mesh = new ScarMesh(spark, source);
-    this.#mesh.showDegree(this.#degree);
-    this.add(this.#mesh.mesh);
+    const splats = new ScarSplats(renderer, placesFor(front, budgets), front.header.sh_degree);
+    splats.onWritten = (words) => this.onWritten(words);
+    this.#drawn = { mesh: new SplatMesh({ splats, raycastable: false, enableLod: false }), splats };
+    this.shDegree = this.#degree;
+    this.add(this.#drawn.mesh);
   }
 
   #clear(): void {
-    if (this.#mesh === null) return;
-    this.remove(this.#mesh.mesh);
-    this.#mesh.dispose();
-    this.#mesh = null;
+    if (this.#drawn === null) return;
+    this.remove(this.#drawn.mesh);
+    this.#drawn.mesh.dispose();
+    this.#drawn.splats.dispose();
+    this.#drawn = null;
   }
 
   /** Where a camera is among the Gaussians. */

@@ -15,6 +15,8 @@ export class Stage {
   readonly #renderer: THREE.WebGLRenderer;
   readonly #scene = new THREE.Scene();
   readonly #camera = new THREE.PerspectiveCamera();
+  /** Where a headset is in the world; it moves the camera itself. */
+  readonly #headset = new THREE.Group().add(this.#camera);
   #shown: ScarScene | null = null;
   #lost = false;
 
@@ -25,6 +27,7 @@ export class Stage {
   ) {
     this.#renderer = new THREE.WebGLRenderer({ canvas, context: contextOf(canvas) ?? undefined });
     this.#renderer.setPixelRatio(pixelRatio());
+    this.#scene.add(this.#headset);
     canvas.addEventListener("webglcontextlost", () => (this.#lost = true));
     canvas.addEventListener("webglcontextrestored", () => (this.#lost = false));
   }
@@ -55,7 +58,7 @@ export class Stage {
 
   /** Draws a frame; true if another one is needed for what has come. */
   draw(view: View): boolean {
-    if (this.#lost) return false;
+    if (this.#lost || this.#renderer.xr.isPresenting) return false;
     const { clientWidth, clientHeight } = this.canvas;
     const size = this.#renderer.getSize(new THREE.Vector2());
     if (size.x !== clientWidth || size.y !== clientHeight) this.#renderer.setSize(clientWidth, clientHeight, false);
@@ -75,6 +78,30 @@ export class Stage {
     });
     this.#renderer.setPixelRatio(ratio);
     return picture;
+  }
+
+  /**
+   * Shows the scene in a headset, which is upright where the eye is, until its wearer ends that. Rejects where there is none.
+   * @param onEnd called when the page is to be drawn again
+   */
+  async enterXR({ position, target, up }: View, onEnd: () => void): Promise<void> {
+    const session = await navigator.xr!.requestSession("immersive-vr");
+    const { xr } = this.#renderer;
+    xr.enabled = true;
+    xr.setReferenceSpaceType("local");
+    await xr.setSession(session);
+    const axis = new THREE.Vector3(...up).normalize();
+    const ahead = new THREE.Vector3(...target).sub(new THREE.Vector3(...position)).projectOnPlane(axis);
+    this.#headset.position.set(...position);
+    this.#headset.quaternion.setFromRotationMatrix(new THREE.Matrix4().lookAt(new THREE.Vector3(), ahead, axis));
+    this.#renderer.setAnimationLoop(() => this.#renderer.render(this.#scene, this.#camera));
+    session.addEventListener("end", () => {
+      this.#renderer.setAnimationLoop(null);
+      xr.enabled = false;
+      this.#headset.position.set(0, 0, 0);
+      this.#headset.quaternion.identity();
+      onEnd();
+    });
   }
 
   /** To be called where something else has drawn on the canvas. */

@@ -226,6 +226,12 @@ export class Viewer {
     return picture;
   }
 
+  /** Shows the scene in a headset, from where the eye is. Rejects before something is drawn, and where there is none. */
+  async enterXR(): Promise<void> {
+    if (this.#stage === null) throw new Error("nothing is drawn yet");
+    await this.#stage.enterXR(this.#pilot.view, () => this.#needFrame());
+  }
+
   /** Tries again after an error. */
   again(): void {
     if (this.#feed?.error) this.#feed.again();
