@@ -33,7 +33,6 @@ from scarfmt.coding.writer import Report, silent
 from scarfmt.errors import InputWarning, InvalidInput
 from scarfmt.render.camera import Camera, in_view
 from scarfmt.render.capture import load_cameras, load_distorted, load_points
-from scarfmt.render.capture.points import Points
 from scarfmt.render.images import read_pixels
 
 DRAWN = 20_000
@@ -167,13 +166,11 @@ def load_capture(
     photos, points = read(Path(path), None if workspace is None else Path(workspace), report)
     photos = _split(path, sorted(photos, key=lambda photo: photo.camera.name), hold_out)
     sized = tuple(_sized(photo, resolution) for photo in photos)
-    if points is None or not len(points.positions):
+    if points is None or not len(points):
         message = f"{path}: has no points to start from: some are drawn at random where the cameras look"
         warnings.warn(message, InputWarning, stacklevel=2)
-        places = draw_points([photo.camera for photo in sized])
-    else:
-        places = points.positions
-    return Capture(sized, places, time.monotonic() - started)
+        points = draw_points([photo.camera for photo in sized])
+    return Capture(sized, points, time.monotonic() - started)
 
 
 def pixels(photo: Photo) -> U8:
@@ -200,7 +197,7 @@ def _check_number(path: str | PathLike[str], count: int) -> None:
         raise wrong_capture(path, f"{count} photo; at least {FEWEST_PHOTOS} are needed, and tens to hundreds are usual")
 
 
-def _listed(path: Path, workspace: Path | None, report: Report) -> tuple[list[Photo], Points | None]:
+def _listed(path: Path, workspace: Path | None, report: Report) -> tuple[list[Photo], F64 | None]:
     """The photos of a list of cameras, and its points."""
     distorted = load_distorted(path)
     cameras = [] if distorted else load_cameras(path)
@@ -216,7 +213,7 @@ def _listed(path: Path, workspace: Path | None, report: Report) -> tuple[list[Ph
     return [Photo(camera, file) for camera, file in made], points
 
 
-def _posed(path: Path, workspace: Path | None, report: Report) -> tuple[list[Photo], Points]:
+def _posed(path: Path, workspace: Path | None, report: Report) -> tuple[list[Photo], F64]:
     """The photos of a folder without a list, as far as their poses are found."""
     files = bare_photos(path)
     warn_of_unread(path)

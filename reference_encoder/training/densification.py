@@ -70,12 +70,11 @@ class AnchorStatistics:
             shown: (M,) whether it touched a pixel.
             opacity, weights: (M,) its opacity, and the sum of its blended weights.
         """
-        self.seen[visible] += 1
+        self.seen.index_add_(0, visible, torch.ones_like(self.seen[:1]).expand(len(visible)))
         self.opacity.index_add_(0, anchors, opacity)
-        flat = (anchors * SLOTS + slots)[shown]
-        self.gradient.view(-1)[flat] += norms[shown]
-        self.drawn.view(-1)[flat] += 1
-        self.weight.view(-1)[flat] += weights[shown]
+        flat = anchors * SLOTS + slots
+        for counter, seen in ((self.gradient, norms), (self.drawn, 1.0), (self.weight, weights)):
+            counter.view(-1).index_add_(0, flat, shown * seen)
 
     def select(self, rows: Tensor, fresh: int = 0) -> AnchorStatistics:
         """A copy with anchors `rows`, followed by `fresh` new ones."""

@@ -9,7 +9,7 @@ from statistics import fmean
 import torch
 from torch import Tensor
 
-from reference_encoder.training.neural_gaussians import expand, in_view
+from reference_encoder.training.neural_gaussians import expand
 from reference_encoder.training.photo_store import View
 from reference_encoder.training.raster import rasterise
 from reference_encoder.training.similarity import psnr, ssim
@@ -20,8 +20,7 @@ from scarfmt.render.camera import Camera
 @torch.no_grad()
 def draw(state: State, camera: Camera, layer: int | None, background: Tensor) -> Tensor:
     """(H, W, 3) picture of a layer, 0-based, as the file has it; None for values as they are."""
-    a = state.anchors
-    rows = in_view(state.frame.world(a.lattice), a.scaling, a.offsets, camera)
+    rows = state.in_view(camera, state.plan.count - 1 if layer is None else layer)
     values = state.exact(rows) if layer is None else state.of_layer(rows, layer, None)
     bits = None if layer is None else WEIGHT_BITS
     gaussians, _, _ = expand(values, state.networks, torch.from_numpy(camera.centre), bits)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
-from reference_encoder.training.neural_gaussians import expand, in_view
+from reference_encoder.training.neural_gaussians import expand
 from reference_encoder.training.photo_store import View
 from reference_encoder.training.presets import Moment
 from reference_encoder.training.raster import Picture, rasterise
@@ -37,7 +37,7 @@ def iterate(
         The loss without rate, and the estimated bits of the whole layer, None while rate does not count.
     """
     camera, anchors = view.camera, state.anchors
-    rows = in_view(state.frame.world(anchors.lattice), anchors.scaling, anchors.offsets, camera)
+    rows = state.in_view(camera, layer)
     bits_a_weight = WEIGHT_BITS if now.rounded else None
     eye = torch.from_numpy(camera.centre)
     if camera_jitter:

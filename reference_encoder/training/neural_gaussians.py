@@ -65,16 +65,17 @@ def expand(
     shown = (opacity >= MIN_ALPHA) & values.shown
     rows, slots = shown.nonzero(as_tuple=True)
     flat = rows * SLOTS + slots
-    covariance = networks.run("cov", inputs, bits).reshape(-1, 7)[flat]
-    colour = torch.sigmoid(networks.run("color", inputs, bits).reshape(-1, 3)[flat])
     # Not by [rows]: several slots of an anchor add to one gradient, and index_select is the faster way to add them up.
+    covariance = networks.run("cov", inputs, bits).reshape(-1, 7).index_select(0, flat)
+    colour = torch.sigmoid(networks.run("color", inputs, bits).reshape(-1, 3).index_select(0, flat))
     sizes = torch.exp(values.scaling).index_select(0, rows)
-    centres = values.positions[rows] + values.offsets.reshape(-1, 3)[flat] * sizes[:, :3]
+    offsets = values.offsets.reshape(-1, 3).index_select(0, flat)
+    centres = values.positions.index_select(0, rows) + offsets * sizes[:, :3]
     gaussians = Gaussians(
         centres=centres,
         scales=sizes[:, 3:] * torch.sigmoid(covariance[:, :3]),
         rotations=covariance[:, 3:],
-        opacities=opacity.reshape(-1)[flat],
+        opacities=opacity.reshape(-1).index_select(0, flat),
         colours=colour,
     )
     return gaussians, rows, slots

@@ -31,7 +31,6 @@ from scarfmt.coding.writer import Report
 from scarfmt.errors import InvalidInput
 from scarfmt.render.camera import Camera
 from scarfmt.render.capture import load_cameras, load_points
-from scarfmt.render.capture.points import Points
 from scarfmt.render.capture.record import Distorted
 from scarfmt.scene.rotation import quaternion_from_matrix
 
@@ -80,7 +79,7 @@ def undistort_photos(
     ]
 
 
-def pose_photos(path: Path, files: Sequence[Path], workspace: Path | None, report: Report) -> tuple[Made, Points]:
+def pose_photos(path: Path, files: Sequence[Path], workspace: Path | None, report: Report) -> tuple[Made, F64]:
     """The photos with their poses, as pinhole cameras would have taken them, and points on what they show.
 
     Arguments and errors are those of :func:`undistort_photos`; photos whose pose is not found are left out.

@@ -15,7 +15,7 @@ import torch
 from torch import Tensor
 
 from reference_encoder.training.anchors import SLOTS
-from reference_encoder.training.neural_gaussians import expand, in_view
+from reference_encoder.training.neural_gaussians import expand
 from reference_encoder.training.photo_store import View
 from reference_encoder.training.raster import rasterise
 from reference_encoder.training.rate import CLOSED_BITS, MASK_BITS, POSITION_BITS
@@ -79,8 +79,7 @@ def measure_importance(state: State, views: Sequence[View], background: Tensor) 
     losses, errors = 0.0, 0.0
     for view in views:
         camera, photo = view.camera, view.photo(state.device)
-        a = state.anchors
-        rows = in_view(state.frame.world(a.lattice), a.scaling, a.offsets, camera)
+        rows = state.in_view(camera, state.plan.count - 1)
         with torch.no_grad():
             values = state.of_layer(rows, state.plan.count - 1, None)
             gaussians, owners, slots = expand(values, state.networks, torch.from_numpy(camera.centre), WEIGHT_BITS)

@@ -9,15 +9,16 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from reference_encoder.training.anchors import ATTRIBUTES, SLOTS, AnchorLattice, Anchors, SceneNetworks, distinct
+from reference_encoder.training.anchors import ATTRIBUTES, AnchorLattice, Anchors, SceneNetworks, distinct
 from reference_encoder.training.densification import AnchorStatistics, NewAnchors, inherit_latents
 from reference_encoder.training.device import noise_generator
 from reference_encoder.training.layers import LayerPlan, coarse
-from reference_encoder.training.neural_gaussians import AnchorValues
+from reference_encoder.training.neural_gaussians import AnchorValues, in_view
 from reference_encoder.training.optimizer import AnchorOptimizer, Rates
 from reference_encoder.training.presets import Moment
 from reference_encoder.training.rate import Context, Priced, neighbour_means
 from reference_encoder.training.vq_features import VqFeatures
+from scarfmt.render.camera import Camera
 
 _START_WIDTHS = {"scaling": 0.1, "offsets": 0.1}
 _LATENT_CELL = 0.5
@@ -135,10 +136,19 @@ class State:
         everyone = torch.arange(len(self.anchors), device=self.device)
         self.around = neighbour_means(self.anchors.lattice, self.context.shown(self._values(everyone)))
 
+    def in_view(self, camera: Camera, layer: int) -> Tensor:
+        """(V,) int64 rising: anchors of which a camera may see something that a layer, 0-based, shows."""
+        a = self.anchors
+        rows = (a.first.min(dim=1).values <= layer).nonzero()[:, 0]
+        with torch.no_grad():
+            parts = [part.index_select(0, rows) for part in (a.lattice, a.scaling, a.offsets)]
+            return rows.index_select(0, in_view(self.frame.world(parts[0]), *parts[1:], camera))
+
     def _values(self, rows: Tensor) -> Tensor:
         """(n, 6 + d) scalings and, where they are sent, latents."""
-        a = self.anchors
-        return a.scaling[rows] if self.vectors else torch.cat([a.scaling[rows], a.latent[rows]], dim=1)
+        # Never by [rows]: a gather that sums repeated rows in order takes four times as long, even of other rows.
+        parts = [self.anchors.scaling] if self.vectors else [self.anchors.scaling, self.anchors.latent]
+        return torch.cat([part.index_select(0, rows) for part in parts], dim=1)
 
     def open_slots(self) -> int:
         """Slots that are on in the last layer."""
@@ -185,15 +195,17 @@ class State:
 
     def shown(self, rows: Tensor, layer: int) -> Tensor:
         """(n, K) bool, slots of anchors `rows` that a layer shows."""
-        return self.anchors.first[rows] <= layer
+        return self.anchors.first.index_select(0, rows) <= layer
 
     def exact(self, rows: Tensor) -> AnchorValues:
         """Values as they are, every slot on that the last layer opens."""
         a = self.anchors
         shown = self.shown(rows, self.plan.count - 1)
-        latent = a.latent[rows]
+        lattice, latent, scaling, offsets = (
+            part.index_select(0, rows) for part in (a.lattice, a.latent, a.scaling, a.offsets)
+        )
         features = latent if self.vectors else self.networks.features(latent)
-        return AnchorValues(self.frame.world(a.lattice[rows]), features, a.scaling[rows], a.offsets[rows], shown)
+        return AnchorValues(self.frame.world(lattice), features, scaling, offsets, shown)
 
     def of_layer(self, rows: Tensor, layer: int, now: Moment | None) -> AnchorValues:
         """Values of anchors `rows` as a layer has them.
@@ -207,31 +219,29 @@ class State:
         if self.vectors is None:
             features = self.networks.features(priced.values[:, 6:], WEIGHT_BITS if rounded else None)
         elif self.vectors.begun:
-            features = self.vectors.features(self.anchors.latent[rows], rows, layer, now)
+            features = self.vectors.features(self.anchors.latent.index_select(0, rows), rows, layer, now)
         else:
-            features = self.anchors.latent[rows]
-        positions = self.frame.world(self.anchors.lattice[rows])
+            features = self.anchors.latent.index_select(0, rows)
+        positions = self.frame.world(self.anchors.lattice.index_select(0, rows))
         return AnchorValues(positions, features, priced.values[:, :6], priced.offsets, priced.shown)
 
     def priced(self, rows: Tensor, layer: int, rounded: bool) -> Priced:
         """The values on which the bits of anchors `rows` depend in a layer: rounded as in the file, or with noise of a
         cell."""
-        a = self.anchors
         widths, offset_widths = torch.exp(self.log_widths), torch.exp(self.log_offset_widths)
-        values = self._values(rows)
+        values, offsets = self._values(rows), self.anchors.offsets.index_select(0, rows)
         missing = self.missing(rows, layer)
         cells = widths * (3.0**missing)[:, None]
         if rounded:
-            integers, offset_integers = self.integers(rows, missing)
+            integers, offset_integers = self._integers(values, offsets, missing)
             values = _rounded(values, cells.detach(), integers)
-            offsets = _rounded(a.offsets[rows], offset_widths.detach(), offset_integers)
+            offsets = _rounded(offsets, offset_widths.detach(), offset_integers)
         else:
             values = values + self._noise(values.shape) * cells
-            offsets = a.offsets[rows] + self._noise((len(rows), SLOTS, 3)) * offset_widths
-        around = None if self.around is None else self.around[rows]
+            offsets = offsets + self._noise(offsets.shape) * offset_widths
+        around = None if self.around is None else self.around.index_select(0, rows)
         return Priced(values, offsets, self.shown(rows, layer), cells, offset_widths, around)
 
-    @torch.no_grad()
     def integers(self, rows: Tensor, missing: Tensor) -> tuple[Tensor, Tensor]:
         """The whole numbers, as float32, that the file has of anchors `rows`.
 
@@ -242,17 +252,23 @@ class State:
             (n, 6 + d) of scalings and, where they are sent, latents, `missing` steps before the finest; (n, K, 3) of
             offsets.
         """
-        values = torch.round(self._values(rows) / torch.exp(self.log_widths))
-        offsets = torch.round(self.anchors.offsets[rows] / torch.exp(self.log_offset_widths))
-        return coarse(values, missing), offsets
+        return self._integers(self._values(rows), self.anchors.offsets[rows], missing)
+
+    @torch.no_grad()
+    def _integers(self, values: Tensor, offsets: Tensor, missing: Tensor) -> tuple[Tensor, Tensor]:
+        finest = torch.round(values / torch.exp(self.log_widths))
+        return coarse(finest, missing), torch.round(offsets / torch.exp(self.log_offset_widths))
 
     def missing(self, rows: Tensor, layer: int) -> Tensor:
         """(n,) int64 ternary steps of anchors `rows` after a layer before the finest."""
-        first = self.anchors.first[rows].amin(dim=1).clamp(max=self.plan.count - 1)
+        first = self.anchors.first.index_select(0, rows).min(dim=1).values.clamp(max=self.plan.count - 1)
         return self.plan.missing(layer, first)
 
-    def _noise(self, shape: tuple[int, ...] | torch.Size) -> Tensor:
-        return torch.rand(shape, generator=self.noise, device=self.device) - 0.5
+    def _noise(self, shape: torch.Size) -> Tensor:
+        """Uniform in -1/2..1/2, in steps of 2^-16: four numbers of each that is drawn."""
+        words = torch.empty(-(-shape.numel() // 4), dtype=torch.int64, device=self.device)
+        words.random_(-(1 << 63), None, generator=self.noise)
+        return (words.view(torch.int16)[: shape.numel()].float() * 2.0**-16).reshape(shape)
 
 
 def _rates(name: str, extent: float) -> Rates:

@@ -256,9 +256,10 @@ class VqFeatures:
         self._optimiser.step()
         self._optimiser.zero_grad(set_to_none=True)
         encoded, indices = self._seen
-        left = encoded - self.quantiser.look_up(indices).detach()
-        self.distortion = _MEMORY * self.distortion + (1 - _MEMORY) * float(left.square().sum(dim=1).mean())
-        self.quantiser.update(encoded, indices)
+        if len(indices):
+            left = encoded - self.quantiser.look_up(indices).detach()
+            self.distortion = _MEMORY * self.distortion + (1 - _MEMORY) * float(left.square().sum(dim=1).mean())
+            self.quantiser.update(encoded, indices)
         self.loss = self._seen = None
 
     def _price(self) -> float:

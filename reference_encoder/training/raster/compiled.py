@@ -177,7 +177,7 @@ def prepare(gaussians: Gaussians, camera: Camera) -> Prepared:
     order = pointer(which, torch.int64)
     on_threads(lambda first, past, _: library.scar_arrange(scene, order, first, past, *rows), len(which))
     places = torch.full((count,), -1, dtype=torch.int32)
-    places[which] = torch.arange(len(which), dtype=torch.int32)
+    places.index_copy_(0, which, torch.arange(len(which), dtype=torch.int32))
     inputs = gaussians.centres, gaussians.scales, gaussians.rotations, view, places
     made = _Projected.apply(*inputs, means, splats[:, 2:5].clone())  # type: ignore[no-untyped-call]
     means, shapes = cast(tuple[Tensor, Tensor], made)

@@ -14,9 +14,10 @@ from os import PathLike
 from pathlib import Path
 from typing import Any
 
+from scarfmt.arrays import F64
 from scarfmt.render.camera import Camera
 from scarfmt.render.capture.colmap import colmap_cameras, colmap_distorted, model_files, warn_of_parts
-from scarfmt.render.capture.points import Points, colmap_points, ply_points
+from scarfmt.render.capture.points import colmap_points, ply_points
 from scarfmt.render.capture.record import (
     MAX_CAMERAS,
     MAX_LISTING_BYTES,
@@ -92,8 +93,8 @@ def load_distorted(path: str | PathLike[str]) -> list[Distorted]:
     return [view for file in listings(Path(path)) for view in _distorted(file)]
 
 
-def load_points(path: str | PathLike[str]) -> Points | None:
-    """Points of a photo capture, in the frame of its cameras; None where it has none.
+def load_points(path: str | PathLike[str]) -> F64 | None:
+    """(P, 3) float64 points of a photo capture, in the frame of its cameras; None where it has none.
 
     Args:
         path: as for :func:`load_cameras`. Points are COLMAP's `points3D`, the `ply_file_path` of a `transforms.json`,

@@ -24,7 +24,6 @@ import numpy as np
 from scarfmt.arrays import F64
 from scarfmt.errors import InputWarning, InvalidInput
 from scarfmt.render.camera import Camera
-from scarfmt.render.capture.points import Points
 from scarfmt.render.capture.record import Distorted, Record, focal_of_angle, inverted
 
 DATAPARSER = "dataparser_transforms.json"
@@ -77,15 +76,15 @@ def transforms_distorted(file: str, document: Mapping[str, Any], frames: list[An
     return [_distorted(record, _camera(record, placed, splits)) for record in records]
 
 
-def transforms_points(file: str, document: Mapping[str, Any], dataparser: Any, points: Points) -> Points:
-    """Points of the file's world where :func:`transforms_cameras` places the cameras.
+def transforms_points(file: str, document: Mapping[str, Any], dataparser: Any, points: F64) -> F64:
+    """(P, 3) float64 points of the file's world where :func:`transforms_cameras` places the cameras.
 
     Raises:
         InvalidInput: ``input-cameras``.
     """
     placed = _Placement.of(file, document, dataparser)
-    turned = points.positions @ placed.transform[:3, :3].T + placed.transform[:3, 3]
-    return Points(placed.scale * turned, points.colours)
+    moved: F64 = placed.scale * (points @ placed.transform[:3, :3].T + placed.transform[:3, 3])
+    return moved
 
 
 class _Placement:

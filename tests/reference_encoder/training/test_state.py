@@ -59,3 +59,12 @@ def test_anchors_come_and_go_without_moving_others() -> None:
     after = state.anchors.select(torch.arange(3))
     assert all(torch.equal(getattr(before, name), getattr(after, name)) for name in vars(before))
     assert len(state.statistics.seen) == 5
+
+
+def test_in_view_are_the_anchors_that_a_layer_shows() -> None:
+    """Of those that the last layer has in view, each that an earlier one shows a slot of."""
+    state, camera = small.state(400), small.camera()
+    everyone = state.in_view(camera, state.plan.count - 1)
+    early = state.in_view(camera, 0)
+    assert 0 < len(early) < len(everyone)
+    assert torch.equal(early, everyone[state.shown(everyone, 0).any(dim=1)])

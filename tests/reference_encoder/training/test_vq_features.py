@@ -79,3 +79,13 @@ def test_codewords_are_chosen_in_turns() -> None:
     densify = torch.cat([moved[kept], latent[:3]])
     shown = vectors.features(densify, torch.arange(103), 1, replace(SOFT, beta=1.0))
     assert torch.allclose(shown, _file(vectors, densify, vectors.stages[1]), atol=1e-5)
+
+
+def test_a_photo_that_sees_nothing_teaches_nothing() -> None:
+    """What early layers show may be out of its view."""
+    vectors, latent = _begun()
+    before = vectors.quantiser.uses.clone()
+    vectors.features(latent[:0], ROWS[:0], 0, SOFT)
+    vectors.step()
+    assert vectors.distortion == 0
+    assert torch.equal(vectors.quantiser.uses, before)

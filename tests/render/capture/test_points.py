@@ -24,8 +24,7 @@ def test_colmaps_two_forms_hold_the_same(tmp_path: Path) -> None:
     for folder in (tmp_path, tmp_path / "other"):
         found = colmap_points(folder)
         assert found is not None
-        np.testing.assert_array_equal(found.positions, POSITIONS)
-        np.testing.assert_array_equal(found.colours, COLOURS)
+        np.testing.assert_array_equal(found, POSITIONS)
 
 
 def test_a_binary_file_cut_anywhere_is_refused(tmp_path: Path) -> None:
@@ -42,7 +41,7 @@ def test_a_count_beyond_the_file_takes_no_memory(tmp_path: Path) -> None:
         colmap_points(tmp_path)
 
 
-@pytest.mark.parametrize("line", ["1 2 3", "1 a b c 1 2 3", "1 0 0 0 1 2 300", "1 0 0 0 1 2"])
+@pytest.mark.parametrize("line", ["1 2 3", "1 a b c 1 2 3", "1 0 0 0 1 2"])
 def test_lines_that_are_no_points_are_named(tmp_path: Path, line: str) -> None:
     (tmp_path / "points3D.txt").write_text(f"# x\n{line}\n")
     with pytest.raises(InvalidInput, match=r"expected ID X Y Z .*line 2"):
