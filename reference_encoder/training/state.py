@@ -141,8 +141,8 @@ class State:
         a = self.anchors
         rows = (a.first.min(dim=1).values <= layer).nonzero()[:, 0]
         with torch.no_grad():
-            parts = [part.index_select(0, rows) for part in (a.lattice, a.scaling, a.offsets)]
-            return rows.index_select(0, in_view(self.frame.world(parts[0]), *parts[1:], camera))
+            lattice, scaling, offsets = (part.index_select(0, rows) for part in (a.lattice, a.scaling, a.offsets))
+            return rows.index_select(0, in_view(self.frame.world(lattice), scaling, offsets, camera))
 
     def _values(self, rows: Tensor) -> Tensor:
         """(n, 6 + d) scalings and, where they are sent, latents."""
