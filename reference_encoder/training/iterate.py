@@ -16,7 +16,7 @@ from reference_encoder.training.state import WEIGHT_BITS, State
 _VOLUME_WEIGHT = 0.01
 """Weight of the mean volume of Gaussians in the loss (Scaffold-GS §3.4)."""
 _RATE_PART = 8
-"""One anchor of so many is priced an iteration."""
+"""One anchor of so many that the layer shows is priced an iteration."""
 _FADE = 0.998
 
 
@@ -36,7 +36,7 @@ def iterate(
     Returns:
         The loss without rate, and the estimated bits of the whole layer, None while rate does not count.
     """
-    camera, anchors = view.camera, state.anchors
+    camera = view.camera
     rows = state.in_view(camera, layer)
     bits_a_weight = WEIGHT_BITS if now.rounded else None
     eye = torch.from_numpy(camera.centre)
@@ -51,11 +51,12 @@ def iterate(
         total = total + state.vectors.loss
     bits = None
     if price > 0:
-        drawn = torch.randperm(len(anchors), generator=state.noise, device=state.device)
-        part = drawn[: max(1, len(anchors) // _RATE_PART)]
+        showing = state.showing(layer)
+        drawn = torch.randperm(len(showing), generator=state.noise, device=state.device)
+        part = showing.index_select(0, drawn[: -(-len(showing) // _RATE_PART)])
         index_bits = 0.0 if state.vectors is None else state.vectors.index_bits(layer)
         part_bits = layer_bits(state.context, state.priced(part, layer, now.rounded), index_bits)
-        whole = part_bits * (len(anchors) / len(part))
+        whole = part_bits * (len(showing) / max(len(part), 1))
         total = total + price * whole
         bits = float(whole.detach())
     total.backward()  # type: ignore[no-untyped-call]

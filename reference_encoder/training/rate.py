@@ -180,7 +180,8 @@ def layer_bits(context: Context, priced: Priced, index_bits: float = 0.0) -> Ten
     """
     present = priced.shown.any(dim=1)
     bits = context.bits(priced.values, priced.widths, priced.around) * present[:, None]
-    slot_bits = (context.offset_bits(priced.offsets, priced.offset_widths).sum(dim=2) * priced.shown).sum()
+    on = priced.shown.flatten().nonzero()[:, 0]
+    slot_bits = context.offset_bits(priced.offsets.reshape(-1, 3).index_select(0, on), priced.offset_widths).sum()
     positions = (POSITION_BITS + CLOSED_BITS * SLOTS) * present.sum()
     latent = bits[:, 6:].sum() + index_bits * present.sum()
     return positions + MASK_BITS * priced.shown.sum() + bits[:, :6].sum() + latent + slot_bits

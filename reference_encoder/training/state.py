@@ -136,10 +136,13 @@ class State:
         everyone = torch.arange(len(self.anchors), device=self.device)
         self.around = neighbour_means(self.anchors.lattice, self.context.shown(self._values(everyone)))
 
+    def showing(self, layer: int) -> Tensor:
+        """(n,) int64 rising: anchors of which a layer, 0-based, shows a slot."""
+        return (self.anchors.first.min(dim=1).values <= layer).nonzero()[:, 0]
+
     def in_view(self, camera: Camera, layer: int) -> Tensor:
-        """(V,) int64 rising: anchors of which a camera may see something that a layer, 0-based, shows."""
-        a = self.anchors
-        rows = (a.first.min(dim=1).values <= layer).nonzero()[:, 0]
+        """(V,) int64 rising: those :meth:`showing` of which a camera may see something."""
+        a, rows = self.anchors, self.showing(layer)
         with torch.no_grad():
             lattice, scaling, offsets = (part.index_select(0, rows) for part in (a.lattice, a.scaling, a.offsets))
             return rows.index_select(0, in_view(self.frame.world(lattice), scaling, offsets, camera))
