@@ -296,18 +296,16 @@ def find_later_layers(costs: LayerCosts, metric: PreviewMetric, first: LayerChoi
 def _find_best(costs: LayerCosts, rate: Rating, before: LayerChoice, budget: float) -> LayerChoice | None:
     """The best looking layer of so many bits that takes back nothing of the one `before`; None if there is none.
 
-    The number of classes goes up and down from what is predicted to be best, as long as that looks better.
+    The number of classes goes down from what is predicted to be best, as long as that looks better.
     """
     kinds = (show_whole(costs.last, shown) for shown in range(before.shown, costs.final.shown + 1))
     affordable = (costs.affordable(kind, budget) for kind in kinds)
     choices = [choice for choice in affordable if choice is not None and choice.lambda_ <= before.lambda_]
     if not choices:
         return None
-    best = start = min(range(len(choices)), key=lambda index: costs.error(choices[index]))
-    for direction in (-1, 1):
-        index = start + direction
-        while 0 <= index < len(choices) and rate(choices[index]) > rate(choices[best]):
-            best, index = index, index + direction
+    best = min(range(len(choices)), key=lambda index: costs.error(choices[index]))
+    while best > 0 and rate(choices[best - 1]) > rate(choices[best]):
+        best -= 1
     return choices[best]
 
 
