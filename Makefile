@@ -66,7 +66,7 @@ check: test lint types ## tests, lint and types; CI runs a short sanitize too
 wheel: $(STAMP) web ## build the wheels into dist/ and try them in an empty environment
 	PYTHON=$(BIN)/python .ci/wheel
 
-dist: $(STAMP) ## what a release consists of, from the last commit, into dist/ (docs/releasing.md)
+dist: $(STAMP) ## what a release consists of, from the last commit, into dist/
 	rm -rf dist
 	$(BIN)/python -m release.build dist
 
