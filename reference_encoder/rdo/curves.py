@@ -282,10 +282,10 @@ class StepChoices:
         """(channels, classes) steps, (classes,) error left, and (classes,) bits, of classes at `lambda_`.
 
         Args:
-            last: lambda of the last layer, below which nothing is staggered.
+            last: lambda of the last layer, which is not staggered.
             latent: whether the LATENT channel may be received.
         """
-        wanted = np.maximum(lambda_ * self.stagger, last)
+        wanted = np.maximum(lambda_ * self.stagger, last) if lambda_ > last else np.full_like(self.stagger, last)
         place = (self.slopes > wanted[:, :, None]).sum(axis=2) - 1
         if not latent:
             place[self.latent] = 0

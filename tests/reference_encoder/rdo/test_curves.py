@@ -44,6 +44,15 @@ def test_hull_choice_is_the_minimum() -> None:
         assert error[chosen] + lambda_ * bits[chosen] <= (error + lambda_ * bits).min() + 1e-9
 
 
+def test_in_the_last_layer_every_class_receives_what_pays() -> None:
+    """Channels and classes of equal curves have equal steps at its lambda; in layers before, not all at once."""
+    bits = np.tile(np.arange(FINEST_STEP + 1.0), (2, 1))
+    curves = [RdCurve(stream, (1.0,), bits, 0.5**bits) for stream in (Stream.LATENT, Stream.POSITION_RESIDUAL)]
+    choices, last = StepChoices.of(curves), 0.5**5.5
+    assert np.unique(choices.at(last, last)[0]).tolist() == [5]
+    assert len(np.unique(choices.at(4 * last, last)[0])) == 2
+
+
 def test_parts_of_a_class_cost_and_err_as_the_whole() -> None:
     """A class that is split has the bits and the error it had, in its part and in its rest."""
     draw = np.random.default_rng(1)
