@@ -189,8 +189,7 @@ def make_tables(runs: Sequence[Run]) -> str:
     """The section of docs/results.md."""
     known = sort_runs(runs)
     layered = [run for run in known if run["quality"] in (HEADLINE, SHORT_QUALITY) and not run["whole"]]
-    firsts = f"First layers, {HEADLINE:g} dB asked:\n\n{make_first_layers_table(layered)}"
-    return f"{make_asked_table(known)}\n\n{firsts}"
+    return f"{make_asked_table(known)}\n\nFirst layers:\n\n{make_first_layers_table(layered)}"
 
 
 def title(name: str) -> str:
@@ -236,8 +235,8 @@ def make_first_layers_table(runs: Sequence[Run]) -> str:
         first, last = run["layers"][0], run["layers"][-1]
         share = f"{100 * first['bytes'] / last['bytes']:.0f} %"
         levels = (f"{first[name]:.1f}" for name in LEVELS)
-        rows.append([title(run["scene"]), _kilobytes(first["bytes"]), share, *levels])
-    return table(["scene", "kB", "of the file", "mean", f"{PERCENTILE} %", "worst"], rows)
+        rows.append([title(run["scene"]), f"{run['quality']:g}", _kilobytes(first["bytes"]), share, *levels])
+    return table(["scene", "asked", "kB", "of the file", "mean", f"{PERCENTILE} %", "worst"], rows)
 
 
 def make_headline(runs: Sequence[Run], rivals: dict[str, Run]) -> str:
