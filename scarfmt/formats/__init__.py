@@ -68,6 +68,7 @@ FORMATS = (
     Format("ply", "INRIA 3D Gaussian splatting PLY", (".ply",), "inria_ply"),
     Format("spz", "Niantic SPZ 1 to 4", (".spz",), "spz"),
     Format("streamed-sog", "PlayCanvas streamed SOG, its finest level", ("lod-meta.json", ".ssog"), "streamed_sog"),
+    Format("supersplat", "SuperSplat project", (".ssproj",), "supersplat"),
     Format("sog", "PlayCanvas SOG 1 and 2, bundled or meta.json", (".sog", "meta.json"), "sog"),
     Format("gltf", "glTF 2.0 with KHR_gaussian_splatting", (".glb", ".gltf"), "gltf"),
     Format("usd", "USD with ParticleField3DGaussianSplat", (".usd", ".usda", ".usdc", ".usdz"), "usd"),

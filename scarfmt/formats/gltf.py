@@ -35,8 +35,7 @@ from scarfmt.formats.quantise import log_scale, logit_of_opacity
 from scarfmt.formats.source import Source
 from scarfmt.scene.description import Description
 from scarfmt.scene.gaussians import GaussianScene, concatenate
-from scarfmt.scene.placement import place_scene
-from scarfmt.scene.rotation import matrix_from_quaternion
+from scarfmt.scene.placement import compose, place_scene
 
 _REFERENCE = "coordinate_reference"
 EXTENSION = "KHR_gaussian_splatting"
@@ -262,24 +261,14 @@ def _roots(asset: Asset) -> list[Any]:
 
 
 def _local(asset: Asset, node: dict[str, Any]) -> F64:
+    source = asset.source
     if "matrix" in node:
-        return _vector(asset, node, "matrix", np.eye(4).ravel()).reshape(4, 4).T
-    x, y, z, w = _vector(asset, node, "rotation", np.array([0.0, 0, 0, 1]))
-    matrix = np.eye(4)
-    scale = _vector(asset, node, "scale", np.ones(3))
-    matrix[:3, :3] = matrix_from_quaternion(np.array([[w, x, y, z]]))[0] * scale
-    matrix[:3, 3] = _vector(asset, node, "translation", np.zeros(3))
-    return matrix
-
-
-def _vector(asset: Asset, node: dict[str, Any], field: str, default: F64) -> F64:
-    numbers = node.get(field)
-    if numbers is None:
-        return default
-    right = isinstance(numbers, list) and len(numbers) == len(default)
-    if right and all(type(number) in (int, float) and abs(number) < 1e30 for number in numbers):
-        return np.array(numbers, np.float64)
-    raise asset.source.corrupt(f"expected {len(default)} numbers", field=f"nodes.{field}")
+        return np.array(source.vector(node, "matrix", [0.0] * 16)).reshape(4, 4).T
+    return compose(
+        source.vector(node, "translation", (0, 0, 0)),
+        source.vector(node, "rotation", (0, 0, 0, 1)),
+        source.vector(node, "scale", (1, 1, 1)),
+    )
 
 
 def _placed(scene: GaussianScene, matrix: F64, name: str) -> GaussianScene:

@@ -2,15 +2,26 @@
 
 from __future__ import annotations
 
-import gzip
 import zlib
+from pathlib import PurePosixPath
 
 from scarfmt.container.schema import SIGNATURE
 from scarfmt.errors import InvalidInput, LimitExceeded
-from scarfmt.formats.source import BYTES_PER_BYTE, FREE_BYTES, Source, is_zip, member_names, open_archive
+from scarfmt.formats.source import (
+    BYTES_PER_BYTE,
+    FREE_BYTES,
+    GZIP,
+    Archive,
+    Source,
+    gunzip,
+    is_zip,
+    member_names,
+    open_archive,
+)
 
-_GZIP = b"\x1f\x8b"
-_SCENES = (".ply", ".spz", ".splat", ".ksplat", ".sog", ".glb", ".rad")
+_SCENES = (".ply", ".spz", ".splat", ".ksplat", ".sog", ".glb", ".gltf", ".rad", ".usdz")
+_PARTS = (".bin", ".radc")
+"""Files beside a scene that it may name: buffers of glTF, chunks of Spark's .rad."""
 _PAGE = "a web page or XML; download the file itself"
 _KINDS = (
     (SIGNATURE, "a .scar file; use 'scarfmt decode'"),
@@ -41,7 +52,6 @@ _DOCUMENTS = (
     ({"frames"}, "a list of cameras, no scene; give it to --cameras"),
 )
 """Members that JSON documents have, what they are and what helps."""
-_PROJECT = "document.json"
 
 
 def unpack(source: Source) -> Source:
@@ -51,22 +61,26 @@ def unpack(source: Source) -> Source:
         InvalidInput: damaged; ``input-format``: none or several scenes in the archive.
         LimitExceeded: ``input-limit``: it unpacks to more than a scene would.
     """
-    if source.head(2) == _GZIP:
+    if source.head(2) == GZIP:
         return Source(_inflate(source), source.name.removesuffix(".gz"))
     with open_archive(source) as archive:
         names = member_names(source)
-        if _PROJECT in names:
-            what = "a project of SuperSplat, whose placements and colours are not read; export it there as a PLY"
-            raise InvalidInput("input-format", f"{source.name}: {what}", field=_PROJECT)
         scenes = [name for name in names if name.lower().endswith(_SCENES)]
         if len(scenes) != 1:
             raise InvalidInput("input-format", f"{source.name}: a ZIP archive with {_contents(names, scenes)}")
-        return Source(archive.read(scenes[0]), f"{source.name}/{scenes[0]}")
+        return Source(archive.read(scenes[0]), f"{source.name}/{scenes[0]}", _parts(archive, names, scenes[0]))
+
+
+def _parts(archive: Archive, names: tuple[str, ...], scene: str) -> dict[PurePosixPath, bytes]:
+    """Content of the files that a scene may name, by their path from its folder."""
+    folder = PurePosixPath(scene).parent
+    paths = {PurePosixPath(name): name for name in names if name.lower().endswith(_PARTS)}
+    return {path.relative_to(folder): archive.read(paths[path]) for path in paths if path.is_relative_to(folder)}
 
 
 def is_packed(source: Source) -> bool:
     """Whether the content is gzip or a ZIP archive; some formats are, too."""
-    return source.head(2) == _GZIP or is_zip(source)
+    return source.head(2) == GZIP or is_zip(source)
 
 
 def kind_of(source: Source) -> str:
@@ -93,11 +107,13 @@ def _contents(names: tuple[str, ...], scenes: list[str]) -> str:
 def _inflate(source: Source) -> bytes:
     most = FREE_BYTES + BYTES_PER_BYTE * source.size
     try:
-        with source.open() as stream, gzip.GzipFile(fileobj=stream) as packed:
-            data = packed.read(most + 1)
-    except (OSError, EOFError, zlib.error) as error:
+        with source.open() as stream:
+            data, is_all = gunzip(stream, most)
+    except zlib.error as error:
         raise source.corrupt(f"damaged gzip stream ({error})") from error
     if len(data) > most:
         message = f"{source.name}: {source.size} bytes that unpack to more than those of a scene would"
         raise LimitExceeded("input-limit", message)
+    if not is_all:
+        raise source.corrupt("the gzip stream is cut short")
     return data

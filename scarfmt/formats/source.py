@@ -10,7 +10,7 @@ import tempfile
 import warnings
 import zipfile
 import zlib
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -33,6 +33,9 @@ ones, such as a plane of equal Gaussians, may reach 1000."""
 MAX_JSON_BYTES = 1 << 28
 """Indices of the largest published scenes have 58 MB."""
 
+GZIP = b"\x1f\x8b"
+_PIECE = 1 << 16
+_FAR = 1e30
 _SURROGATE = re.compile("[\ud800-\udfff]")
 _NO_WAITING = getattr(os, "O_NONBLOCK", 0)
 
@@ -43,12 +46,14 @@ class Source:
     Args:
         origin: the path of a regular file, or the whole content of a file.
         label: the name of a content in messages, e.g. of the archive and the member it comes from.
+        beside: content of the files in or below the folder of a content that comes from an archive, by their path.
     """
 
-    def __init__(self, origin: Path | bytes, label: str = ""):
+    def __init__(self, origin: Path | bytes, label: str = "", beside: dict[PurePosixPath, bytes] | None = None):
         self.path = origin if isinstance(origin, Path) else None
         self._data = origin if isinstance(origin, bytes) else None
         self._label = label
+        self._files = beside or {}
 
     @property
     def name(self) -> str:
@@ -133,6 +138,16 @@ class Source:
             raise self.corrupt(f"expected a number of at least 0, got {str(value)[:40]!r}", field=field)
         return value
 
+    def vector(self, holder: dict[str, Any], field: str, default: Sequence[float]) -> list[float]:
+        """A member that is as many finite numbers as its default has; the default where there is none."""
+        value = holder.get(field)
+        if value is None:
+            return list(default)
+        right = isinstance(value, list) and len(value) == len(default)
+        if right and all(type(number) in (int, float) and abs(number) < _FAR for number in value):
+            return [float(number) for number in value]
+        raise self.corrupt(f"expected {len(default)} numbers", field=field)
+
     def beside(self, name: object, field: str) -> PurePosixPath:
         """The relative path of a file below the folder of this one, which the content names.
 
@@ -155,6 +170,8 @@ class Source:
             InvalidInput: ``input-corrupt``; ``input-incomplete``: this was read from memory, and has no folder.
         """
         path = self.beside(name, field)
+        if path in self._files:
+            return Source(self._files[path], f"{self.name.rpartition('/')[0]}/{path}")
         if self.path is None:
             message = f"{self.name}: read from memory or an archive, it has no {path} beside it; give its path"
             raise InvalidInput("input-incomplete", message, field=field)
@@ -219,6 +236,31 @@ class Source:
         reason = error.strerror if isinstance(error, OSError) else "no name of a file"
         message = f"{self.name}: {reason}; check the path and its permissions"
         return file_error("input-unreadable", message, error)
+
+
+def gunzip(stream: BinaryIO, most: int) -> tuple[bytes, bool]:
+    """What the members of a gzip file hold, one after the other; what follows the last is passed over, as gzip does.
+
+    Args:
+        stream: at the start of the first member.
+        most: bytes to unpack, one more where there are more.
+
+    Returns:
+        The bytes, and whether they are all.
+
+    Raises:
+        zlib.error: damaged.
+    """
+    inflater, found, packed = zlib.decompressobj(wbits=31), bytearray(), stream.read(_PIECE)
+    while packed and len(found) <= most:
+        found += inflater.decompress(packed, most + 1 - len(found))
+        packed = inflater.unconsumed_tail or stream.read(_PIECE)
+        if inflater.eof:
+            packed = inflater.unused_data + packed
+            if not packed.startswith(GZIP):
+                return bytes(found), len(found) <= most
+            inflater = zlib.decompressobj(wbits=31)
+    return bytes(found), False
 
 
 FREE_BYTES = 1 << 26

@@ -14,6 +14,7 @@ attributes a u16 number of children and a u32 first child of each node. Its leav
 
 from __future__ import annotations
 
+import io
 import itertools
 import struct
 import zlib
@@ -37,14 +38,13 @@ from scarfmt.formats.quantise import (
     smallest_three,
     unit_quaternions,
 )
-from scarfmt.formats.source import Source
+from scarfmt.formats.source import GZIP, Source, gunzip
 from scarfmt.limits import MAX_SH_DEGREE
 from scarfmt.scene.description import Description
 from scarfmt.scene.gaussians import GaussianScene
 from scarfmt.scene.placement import Placement
 
 MAGIC = b"NGSP"
-_GZIP = b"\x1f\x8b"
 COLOUR_SCALE = 0.15  # README: "wide RGB", f_dc = (byte / 255 - 0.5) / 0.15
 _ANTIALIASED, _HAS_EXTENSIONS, _TREE = 0x1, 0x2, 0x80
 _NODE_BYTES = 6
@@ -61,13 +61,15 @@ _MAX_EXTENSION_BYTES = 1 << 20
 
 def sniff(source: Source) -> bool:
     """Whether the content starts as SPZ, within gzip or not."""
+    try:
+        return _head(source)[:4] == MAGIC
+    except zlib.error:
+        return False
+
+
+def _head(source: Source) -> bytes:
     head = source.head(_HEAD)
-    if head[:2] == _GZIP:
-        try:
-            head = zlib.decompressobj(wbits=31).decompress(head, 4)
-        except zlib.error:
-            return False
-    return head[:4] == MAGIC
+    return gunzip(io.BytesIO(head), 16)[0] if head[:2] == GZIP else head
 
 
 def load(source: Source, *, frame: Literal["RDF", "RUB"] = "RDF") -> GaussianScene:
@@ -85,7 +87,7 @@ def load(source: Source, *, frame: Literal["RDF", "RUB"] = "RDF") -> GaussianSce
     Warns:
         InputWarning: spherical harmonics of degree 4, or inner nodes of a tree, are left out.
     """
-    gzipped = source.head(2) == _GZIP
+    gzipped = source.head(2) == GZIP
     header, streams, extensions, tree = (_read_gzip if gzipped else _read_v4)(source)
     version, count, degree, fraction_bits = header
     if degree > MAX_SH_DEGREE:
@@ -128,10 +130,7 @@ def leaves(source: Source, scene: GaussianScene, children: NDArray[np.integer]) 
 
 def describe(source: Source) -> Description:
     """What the flags of the header say about the scene: whether it was trained with antialiasing."""
-    head = source.head(_HEAD)
-    if head[:2] == _GZIP:
-        head = zlib.decompressobj(wbits=31).decompress(head, 16)
-    return Description(RenderModel.ANTIALIASED if head[14] & _ANTIALIASED else RenderModel.CLASSIC)
+    return Description(RenderModel.ANTIALIASED if _head(source)[14] & _ANTIALIASED else RenderModel.CLASSIC)
 
 
 Header = tuple[int, int, int, int]
@@ -164,25 +163,25 @@ Stored = tuple[Header, list[U8], bytes, bytes | None]
 
 def _read_gzip(source: Source) -> Stored:
     """Versions 1 to 3: what the gzip stream holds, inflated no further than its header justifies."""
-    inflater = zlib.decompressobj(wbits=31)
+    packed = source.read()
     try:
-        head = inflater.decompress(source.read(), 16)
+        head, _ = gunzip(io.BytesIO(packed), 16)
         if len(head) < 16:
             raise source.corrupt("the gzip stream ends within the SPZ header")
         header, sizes = _read_header(source, head)
         nodes = _NODE_BYTES * header[1] if head[14] & _TREE else 0
-        limit = sum(sizes) + nodes + _MAX_EXTENSION_BYTES
-        body = inflater.decompress(inflater.unconsumed_tail, limit)
+        whole, is_all = gunzip(io.BytesIO(packed), 16 + sum(sizes) + nodes + _MAX_EXTENSION_BYTES)
     except zlib.error as error:
         raise source.corrupt(f"damaged gzip stream ({error})") from error
     if header[0] > 3:
         raise source.corrupt("SPZ version 4 is not gzipped")
-    if len(body) < sum(sizes) + nodes or not inflater.eof:
+    body = memoryview(whole)[16:]
+    if len(body) < sum(sizes) + nodes or not is_all:
         raise source.corrupt(f"{len(body)} bytes of attributes, expected {sum(sizes) + nodes}")
     bounds = np.cumsum([0, *sizes])
     data = np.frombuffer(body, np.uint8)
     streams = [data[start:end] for start, end in itertools.pairwise(bounds)]
-    more = body[bounds[-1] :]
+    more = bytes(body[bounds[-1] :])
     return header, streams, more if head[14] & _HAS_EXTENSIONS else b"", more[:nodes] if nodes else None
 
 

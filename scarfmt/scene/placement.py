@@ -161,6 +161,21 @@ def _product(first: F64, quaternions: F32) -> F32:
     return np.stack(rows, axis=1).astype(np.float32)
 
 
+def compose(translation: Sequence[float], rotation: Sequence[float], scale: Sequence[float]) -> F64:
+    """The (4, 4) matrix of a node of a scene graph, which scales, then turns, then moves.
+
+    Args:
+        translation: 3 numbers.
+        rotation: a quaternion x, y, z, w; its length does not count.
+        scale: of each axis.
+    """
+    x, y, z, w = rotation
+    matrix = np.eye(4)
+    matrix[:3, :3] = matrix_from_quaternion(np.array([[w, x, y, z]]))[0] * np.asarray(scale)
+    matrix[:3, 3] = translation
+    return matrix
+
+
 def place_scene(scene: GaussianScene, matrix: F64) -> GaussianScene:
     """The scene where a node of a scene graph puts it: means, covariances and colours.
 

@@ -1,7 +1,8 @@
 """`transforms.json` of Nerfstudio, Instant-NGP and Blender: poses from camera to world with OpenGL axes.
 
 x points right, y up, z backwards; a camera of OpenCV axes is that with y and z flipped. Intrinsics (`fl_x`, `fl_y`,
-`cx`, `cy`, `w`, `h`, or `camera_angle_x`) stand in the frame, or above for all of them.
+`cx`, `cy`, `w`, `h`, `camera_angle_x` and so on) stand in the frame, or above for all of them. One focal length is that
+of both axes.
 
 Poses are taken as they stand, which is where trainers that read the file put the scene. Two frames differ from it:
 
@@ -154,26 +155,28 @@ def _distorted(record: Record, camera: Camera) -> Distorted:
 
 def _camera(record: Record, placed: _Placement, splits: dict[str, str]) -> Camera:
     width, height = size = _size(record)
-    focal_x = _focal(record, "fl_x", "camera_angle_x", width, None)
-    focal_y = _focal(record, "fl_y", "camera_angle_y", height, focal_x)
+    focal_x = _focal(record, "x", width)
+    focal_y = _focal(record, "y", height) or focal_x
+    if not focal_y:
+        raise record.fault("fl_x", "no focal length: neither fl_x nor camera_angle_x is there, in the frame or above")
     centre = record.number("cx", width / 2), record.number("cy", height / 2)
     camera_to_world = record.affine("transform_matrix")
     record.check_rotation("transform_matrix", camera_to_world[:3, :3])
     pose = inverted(placed(camera_to_world @ _FLIP))
     name = record.text("file_path")
-    return record.camera("transform_matrix", pose, size, (focal_x, focal_y), centre, name, splits.get(_plain(name), ""))
+    focal = focal_x or focal_y, focal_y
+    return record.camera("transform_matrix", pose, size, focal, centre, name, splits.get(_plain(name), ""))
 
 
-def _focal(record: Record, key: str, angle_key: str, pixels: int, default: float | None) -> float:
-    if key in record.values:
+def _focal(record: Record, axis: str, pixels: int) -> float:
+    """The focal length along an axis, pixels; 0 where none is there."""
+    if (key := f"fl_{axis}") in record.values:
         return record.positive(key)
-    if angle_key not in record.values and default is not None:
-        return default
-    if angle_key not in record.values:
-        raise record.fault(key, f"no focal length: neither {key} nor {angle_key} is there, in the frame or above")
-    angle = record.positive(angle_key)
+    if (key := f"camera_angle_{axis}") not in record.values:
+        return 0.0
+    angle = record.positive(key)
     if angle >= math.pi:
-        raise record.fault(angle_key, f"{angle_key} is {angle:g} and has to be below pi: it is in radians")
+        raise record.fault(key, f"{key} is {angle:g} and has to be below pi: it is in radians")
     return focal_of_angle(angle, pixels)
 
 

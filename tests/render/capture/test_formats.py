@@ -133,6 +133,27 @@ def test_blender_files_name_an_angle_and_the_picture_its_size(tmp_path: Path) ->
     assert (camera.fx, camera.fy) == (pytest.approx(20), pytest.approx(20))
 
 
+@pytest.mark.parametrize(
+    ("said", "focal"),
+    [
+        ({"camera_angle_y": 2 * np.arctan(0.5)}, (6, 6)),
+        ({"camera_angle_y": 2 * np.arctan(0.5), "fl_x": 9}, (9, 6)),
+        ({"fl_x": 9}, (9, 9)),
+        ({"fl_y": 9}, (9, 9)),
+        ({"fl_x": 9, "fl_y": 8, "camera_angle_x": 0.1, "camera_angle_y": 0.1}, (9, 8)),
+    ],
+)
+@pytest.mark.parametrize("in_frame", [True, False])
+def test_one_focal_length_or_angle_is_enough(
+    said: dict[str, float], focal: tuple[float, float], in_frame: bool, tmp_path: Path
+) -> None:
+    above = {"w": 8, "h": 6, "aabb_scale": 16, "offset": [0.5, 0.5, 0.5], "scale": 0.33}
+    frame = {"file_path": "a", "transform_matrix": np.eye(4).tolist(), "sharpness": 30.0}
+    content = above | (said if not in_frame else {}) | {"frames": [frame | (said if in_frame else {})]}
+    (camera,) = load_cameras(files.in_json(content, tmp_path / "transforms.json"))
+    assert (camera.fx, camera.fy) == pytest.approx(focal)
+
+
 @pytest.mark.parametrize("ending", ["jpg", "png", "JPG"])
 def test_each_photo_says_its_own_size(ending: str, tmp_path: Path) -> None:
     frames = [{"file_path": f"{name}.{ending}", "transform_matrix": np.eye(4).tolist()} for name in "ab"]
