@@ -1,8 +1,10 @@
-/** Chromium without a window or a GPU, drawing WebGL2 in software. CHROMIUM names it. */
+/** Chromium without a window or a GPU, drawing WebGL2 in software, and WebGPU where asked. CHROMIUM names it. */
 
 import puppeteer, { type Browser, type Page } from "puppeteer-core";
 
 const FLAGS = ["--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--ignore-gpu-blocklist"];
+/** Dawn is to draw by the same software as the compositor, or it loses its device with the first frame. */
+const WEBGPU = ["--enable-unsafe-webgpu", "--use-webgpu-adapter=swiftshader", "--enable-features=Vulkan", "--use-vulkan=swiftshader"];
 const PATIENCE_MS = 240_000;
 
 export interface Size {
@@ -13,24 +15,31 @@ export interface Size {
 /** Runs with a page; errors of its scripts fail the run. */
 export type Browsing = (run: (page: Page) => Promise<void>, size?: Size) => Promise<void>;
 
-export function launch(): Promise<Browser> {
-  return puppeteer.launch({ executablePath: process.env.CHROMIUM, args: FLAGS, protocolTimeout: PATIENCE_MS });
+export function launch(more: string[] = []): Promise<Browser> {
+  return puppeteer.launch({ executablePath: process.env.CHROMIUM, args: [...FLAGS, ...more], protocolTimeout: PATIENCE_MS });
 }
 
 /** A page of a browser of its own, which is closed whatever happens. */
-export const browsing: Browsing = async (run, size) => {
-  const browser = await launch();
-  try {
-    await runIn(await browser.newPage(), run, size);
-  } finally {
-    await browser.close();
-  }
-};
+export const browsing = browsingWith([]);
+/** The same with WebGPU; a page of it may have no adapter. */
+export const browsingWebgpu = browsingWith(WEBGPU);
+
+function browsingWith(flags: string[]): Browsing {
+  return async (run, size) => {
+    const browser = await launch(flags);
+    try {
+      await runIn(await browser.newPage(), run, size);
+    } finally {
+      await browser.close();
+    }
+  };
+}
 
 export async function runIn(page: Page, run: (page: Page) => Promise<void>, size?: Size): Promise<void> {
   await page.setViewport(size ?? { width: 480, height: 360 });
   page.setDefaultTimeout(PATIENCE_MS);
   const errors: string[] = [];
+  if (process.env.CONSOLE) page.on("console", (m) => console.log("console:", m.text().slice(0, 1500)));
   page.on("pageerror", (error) => errors.push(String(error)));
   await run(page);
   if (errors.length > 0) throw new Error(errors.join("\n"));

@@ -12,13 +12,15 @@ const SETTLING = { frames: 10, ms: 300 };
 export async function exampleOf(
   scene: string,
   run: (page: Page) => Promise<void>,
-  { size, open = browsing }: { size?: Size; open?: Browsing } = {},
+  { size, open = browsing, device = "webgl2" }: { size?: Size; open?: Browsing; device?: string } = {},
 ): Promise<void> {
   await hosting(WEB, scene, { asked: [] }, (address) =>
     open(async (page) => {
-      await page.goto(`${address}examples/playcanvas.html?url=/scene.scar`);
+      await page.goto(`${address}examples/playcanvas.html?url=/scene.scar&device=${device}`);
       await page.waitForFunction("document.readyState === 'complete'");
       await page.evaluate("import('playcanvas').then((found) => (globalThis.pc = found))");
+      // A device comes later than the page.
+      await page.waitForFunction("pc.app?.root.findByName('camera')", { polling: 50 });
       await run(page);
     }, size),
   );

@@ -14,6 +14,7 @@ import type { PackedTile } from "../../decoder/types.js";
 import { Places, type Span } from "../../pack/places.js";
 import type { Front } from "../../format/directory.js";
 import { READ_GLSL, streamNames } from "./read_glsl.js";
+import { READ_WGSL } from "./read_wgsl.js";
 
 /** Words of geometry of a Gaussian, and of a texel. */
 const GEOMETRY = 8;
@@ -53,7 +54,6 @@ export class ScarSplats extends GSplatResourceBase {
   constructor(device: GraphicsDevice, front: Front, total: number) {
     const { header } = front;
     const side = Math.ceil(Math.sqrt(total));
-    if (device.isWebGPU) throw new RangeError("scenes of this kind are drawn by WebGL2: make the device with deviceTypes: [\"webgl2\"]");
     if (side > device.maxTextureSize) {
       throw new RangeError(`a scene of ${total} Gaussians needs textures of ${side}², this device has up to ${device.maxTextureSize}²`);
     }
@@ -66,7 +66,7 @@ export class ScarSplats extends GSplatResourceBase {
     this.#rest = rest;
     this.#bound();
     const streams = streamNames(header.sh_degree).map((name) => ({ name, format: PIXELFORMAT_RGBA32U }));
-    this._format = new GSplatFormat(device, streams, { readGLSL: READ_GLSL });
+    this._format = new GSplatFormat(device, streams, { readGLSL: READ_GLSL, readWGSL: READ_WGSL });
     this.streams.init(this._format, total);
     this.#planes = streams.map(({ name }) => {
       const texture = this.getTexture(name) as Texture;
@@ -198,6 +198,15 @@ function joined(rows: [number, number][]): [number, number][] {
 
 /** Writes rows of a texture; PlayCanvas itself only writes whole ones. */
 function upload(device: GraphicsDevice, { texture, words }: Plane, [from, to]: [number, number]): void {
+  const { width } = texture;
+  const part = words.subarray(TEXEL * width * from, TEXEL * width * to);
+  if (device.isWebGPU) {
+    const { queue } = (device as unknown as { wgpu: GPUDevice }).wgpu;
+    const { gpuTexture } = (texture as unknown as { impl: { gpuTexture: GPUTexture } }).impl;
+    const layout = { bytesPerRow: part.BYTES_PER_ELEMENT * TEXEL * width };
+    queue.writeTexture({ texture: gpuTexture, origin: [0, from] }, part as Uint32Array<ArrayBuffer>, layout, [width, to - from]);
+    return;
+  }
   const webgl = device as WebglGraphicsDevice;
   const { gl } = webgl;
   webgl.setTexture(texture, 0);
@@ -206,7 +215,5 @@ function upload(device: GraphicsDevice, { texture, words }: Plane, [from, to]: [
   webgl.setUnpackFlipY(false);
   webgl.setUnpackPremultiplyAlpha(false);
   webgl.setUnpackAlignment(4);
-  const { width } = texture;
-  const part = words.subarray(TEXEL * width * from, TEXEL * width * to);
   gl.texSubImage2D(gl.TEXTURE_2D, 0, 0, from, width, to - from, gl.RGBA_INTEGER, gl.UNSIGNED_INT, part);
 }
