@@ -16,7 +16,7 @@ export function readBytes(path: string): Uint8Array {
   return new Uint8Array(readFileSync(path));
 }
 
-/** 10,914 Gaussians, 24 tiles, 5 layers; test/data/README.md says how it was made. */
+/** 10,914 Gaussians, 24 tiles in 12 pages, 5 layers; test/data/README.md says how it was made. */
 export const toys = () => readBytes(join(REPOSITORY, "web/test/data/toys.scar"));
 
 /** A vector of the suite, `class/name`: a member of the archive of its class. */

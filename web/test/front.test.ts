@@ -8,7 +8,6 @@ import type { ByteSource } from "../src/stream/source.js";
 import { wantedEntries } from "../src/stream/wanted.js";
 import { Feeder } from "./feeding.js";
 import { openedFront, toys, vector, WholeFile } from "./files.js";
-import { repack } from "./packing.js";
 
 const bytes = toys();
 
@@ -40,12 +39,9 @@ function anchors({ index: { tiles, layers, counts } }: Directory): number[] {
 /** Bytes of the directory. */
 const directoryBytes = (file: Uint8Array) => new WholeFile(file).blocks[0].offset;
 
-/** The same blocks in pages of 2^pageBits tiles. */
-const repaged = (file: Uint8Array, pageBits: number) => repack(new WholeFile(file), pageBits);
-
 describe("the front", () => {
   it("gives what there is of all tiles, and slots in the anchor profile", () => {
-    for (const file of [bytes, repaged(bytes, 2), vector("valid/anchors")]) {
+    for (const file of [bytes, vector("valid/anchors")]) {
       const front = openedFront(file);
       const feeder = new Feeder(file);
       feeder.decodeTo(feeder.layers);
@@ -68,8 +64,7 @@ describe("the front", () => {
   });
 
   it("gives sizes that add up to the layers', before and after pages are read", () => {
-    const file = repaged(bytes, 2);
-    for (const { index, layers } of [parseFront(file, file.length), openedFront(file)]) {
+    for (const { index, layers } of [parseFront(bytes, bytes.length), openedFront(bytes)]) {
       layers.forEach(({ stream_bytes, byte_count, anchor_count }, k) => {
         const of = (array: ArrayLike<number>) =>
           Array.from({ length: index.tiles }, (_, t) => array[t * index.layers + k]).reduce((a, b) => a + b, 0);
@@ -81,9 +76,8 @@ describe("the front", () => {
   });
 
   it("gives boxes of pages that hold those of their tiles", () => {
-    const file = repaged(bytes, 1);
-    const coarse = parseFront(file, file.length).index.boxes;
-    const fine = openedFront(file).index.boxes;
+    const coarse = parseFront(bytes, bytes.length).index.boxes;
+    const fine = openedFront(bytes).index.boxes;
     fine.forEach((x, i) => assert.ok(i % 6 < 3 ? coarse[i] <= x : coarse[i] >= x));
   });
 
@@ -106,10 +100,9 @@ describe("the front", () => {
   });
 
   it("is read on where there are no ranges, with all pages", async () => {
-    const file = repaged(bytes, 1);
-    const source = sourceOf(file, 5000, false);
+    const source = sourceOf(bytes, 5000, false);
     const opened = await openFront(source, new AbortController().signal);
-    assert.deepEqual([opened.end, opened.position], [file.length, directoryBytes(file)]);
+    assert.deepEqual([opened.end, opened.position], [bytes.length, directoryBytes(bytes)]);
     assert.equal(source.asked.length, 1);
   });
 });
@@ -144,9 +137,8 @@ describe("what to fetch", () => {
   });
 
   it("has pages in place of blocks that nothing is known of, each once", () => {
-    const file = repaged(bytes, 2);
-    const closed = parseFront(file, file.length);
-    const steps = [5, 6, 0].map((tile) => ({ tile, layer: 2 }));
+    const closed = parseFront(bytes, bytes.length);
+    const steps = [2, 3, 0].map((tile) => ({ tile, layer: 2 }));
     const pages = (list: number[]) => list.map((e) => closed.numbers.partOf(e)).filter(({ what }) => what !== "block");
     assert.deepEqual(pages(wantedEntries(closed, steps, -1)), [
       { what: "tiles", page: 1 },
@@ -154,7 +146,7 @@ describe("what to fetch", () => {
       { what: "tiles", page: 0 },
       { what: "rows", page: 0, layer: 2 },
     ]);
-    openPages(closed, file.subarray(0, closed.entries.offset[closed.root.pages]));
+    openPages(closed, bytes.subarray(0, closed.entries.offset[closed.root.pages]));
     assert.deepEqual(pages(wantedEntries(closed, steps, -1)), [
       { what: "rows", page: 1, layer: 2 },
       { what: "rows", page: 0, layer: 2 },

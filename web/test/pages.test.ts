@@ -5,14 +5,13 @@ import { describe, it } from "node:test";
 import type { Planner } from "../src/plan/types.js";
 import { type Directory, parseFront } from "../src/format/directory.js";
 import type { StreamOptions } from "../src/stream/scar_stream.js";
-import { toys, WholeFile } from "./files.js";
-import { repack } from "./packing.js";
+import { toys, vector } from "./files.js";
 import { assertComplete, assertShown, cameraAt, streaming, type Watched } from "./watching.js";
 
 const PAGES = 12;
 /** Two in a page. */
 const TILES = 24;
-const bytes = repack(new WholeFile(toys()), 1);
+const bytes = toys();
 const directory = parseFront(bytes, bytes.length);
 const { numbers, entries } = directory;
 /** Bytes of header and ROOT. */
@@ -113,8 +112,7 @@ describe("a page", () => {
   });
 
   it("that breaks a rule ends the stream, by that rule", async () => {
-    const broken = repack(new WholeFile(bytes), 1, (tilePages) => (tilePages[3][1] = 22));
-    await streaming(broken, byNeed, async (watched) => {
+    await streaming(vector("invalid/tile-depth-22"), byNeed, async (watched) => {
       await watched.end();
       assert.deepEqual(watched.errors.map(({ id, fatal }) => [id, fatal]), [["tile-depth", true]]);
     });
