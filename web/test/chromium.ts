@@ -39,7 +39,6 @@ export async function runIn(page: Page, run: (page: Page) => Promise<void>, size
   await page.setViewport(size ?? { width: 480, height: 360 });
   page.setDefaultTimeout(PATIENCE_MS);
   const errors: string[] = [];
-  if (process.env.CONSOLE) page.on("console", (m) => console.log("console:", m.text().slice(0, 1500)));
   page.on("pageerror", (error) => errors.push(String(error)));
   await run(page);
   if (errors.length > 0) throw new Error(errors.join("\n"));
