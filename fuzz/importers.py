@@ -232,7 +232,8 @@ def _gltf(dice: Random) -> Callable[[], object]:
     if how < 0.9:
         return partial(load, change_json(gltf(_DOCUMENT, _BUFFER), dice), format="gltf")
     buffers = json.dumps(_DOCUMENT | {"buffers": [{"byteLength": len(_BUFFER), "uri": "b.bin"}]}).encode()
-    return partial(_in_folder, {"a.gltf": change_json(buffers, dice), "b.bin": _BUFFER}, "a.gltf")
+    files = {"a.gltf": change_json(buffers, dice), "b.bin": _BUFFER}
+    return partial(load, zipped(files)) if how < 0.95 else partial(_in_folder, files, "a.gltf")
 
 
 def _npz(dice: Random) -> Callable[[], object]:
@@ -250,7 +251,15 @@ def _archive(dice: Random) -> Callable[[], object]:
 
 def _spz(dice: Random) -> Callable[[], object]:
     data = gzip.decompress(spz(dice.choice((1, 2, 3))))
-    return partial(load, gzip.compress(change_bytes(data, dice), 1, mtime=0), format="spz")
+    members = gzip.compress(data[:40], 1, mtime=0) + gzip.compress(data[40:], 1, mtime=0)
+    data = change_bytes(members, dice) if dice.random() < 0.3 else gzip.compress(change_bytes(data, dice), 1, mtime=0)
+    return partial(load, data, format="spz")
+
+
+def _supersplat(dice: Random) -> Callable[[], object]:
+    splat = {"position": [0, 1, 0], "rotation": [0, 0, 1, 0], "scale": [1, 1, 2], "tintClr": [1, 1, 1, 1]}
+    document = json.dumps({"version": 0, "splats": [splat]}).encode()
+    return partial(load, zipped({"document.json": change_json(document, dice), "splat_0.ply": EXAMPLES["ply"]}))
 
 
 def _rad(dice: Random) -> Callable[[], object]:
@@ -298,7 +307,7 @@ def _unpack(data: bytes) -> None:
         raise InvalidInput("work-damaged", str(error)) from error
 
 
-_KINDS = (_checkpoint, _sog, _streamed, _gltf, _npz, _archive, _spz, _rad, _bytes, _ply, _work)
+_KINDS = (_checkpoint, _sog, _streamed, _gltf, _npz, _archive, _spz, _supersplat, _rad, _bytes, _ply, _work)
 FORMATS = {made.__name__[1:]: made for made in _KINDS}
 """A mutant of each kind, by its name: what reads it."""
 
