@@ -164,6 +164,9 @@ def _index_of(directory: Path) -> Path:
     found = scaffold.points_of(directory) or directory / "meta.json"
     if not os.path.lexists(found):
         message = f"{directory} is a folder without meta.json (SOG), lod-meta.json or point_cloud.ply (Scaffold-GS)"
+        endings = tuple(ending for known in FORMATS for ending in known.extensions)
+        if scenes := sorted(path.name for path in directory.iterdir() if path.name.lower().endswith(endings)):
+            message += f"; give a scene in it, such as {scenes[0]}"
         raise InvalidInput("input-folder", message)
     return found
 

@@ -67,7 +67,6 @@ def harmonics(degree: int) -> list[str]:
     return [harmonic(degree, coefficient) for coefficient in range(2 * degree + 1)]
 
 
-_DATA = ("data:application/octet-stream;base64,", "data:application/gltf-buffer;base64,")
 _LARGEST = {BYTE: 127.0, UBYTE: 255.0, SHORT: 32767.0, USHORT: 65535.0}
 
 
@@ -207,11 +206,11 @@ def _glb_chunks(source: Source) -> tuple[memoryview, memoryview | None]:
 
 
 def _inline(source: Source, uri: str) -> bytes:
-    head = next((head for head in _DATA if uri.startswith(head)), None)
-    if head is None:
+    head, _, text = uri.partition(",")
+    if not head.endswith(";base64"):
         raise source.corrupt(f"a buffer in place must be base64, not {uri[:60]!r}", field="buffers.uri")
     try:
-        return base64.b64decode(uri[len(head) :], validate=True)
+        return base64.b64decode(text, validate=True)
     except (binascii.Error, ValueError) as error:
         raise source.corrupt(f"damaged base64 ({error})", field="buffers.uri") from error
 
@@ -287,6 +286,7 @@ def _placed(scene: GaussianScene, matrix: F64, name: str) -> GaussianScene:
 _COMPRESSIONS = ("KHR_gaussian_splatting_compression_spz_2", "KHR_gaussian_splatting_compression_spz")
 """The draft, and the name its own text gives it in places."""
 _UNDERSTOOD = frozenset({EXTENSION, "KHR_mesh_quantization", "KHR_materials_unlit", *_COMPRESSIONS})
+_PRESENT = "export the scene by the extension's present text"
 _POSITIONS = frozenset({FLOAT, BYTE, UBYTE, SHORT, USHORT})
 _ROTATIONS = frozenset({FLOAT, BYTE, SHORT})
 _UNSIGNED = frozenset({FLOAT, UBYTE, USHORT})
@@ -416,8 +416,8 @@ def _placed_gaussians(asset: Asset) -> list[_Placed]:
             found.append(_Placed(primitive, matrix, count))
     if not found:
         names = ", ".join(sorted(set().union(*others)))[:80]
-        message = f"{asset.source.name}: no primitive of its scene has {EXTENSION}{names and f', but {names}'}"
-        message += "; give a scene of Gaussians by the extension's present text"
+        lacking = f"{EXTENSION}{names and f', but {names}'}"
+        message = f"{asset.source.name}: no primitive of its scene has {lacking}; {_PRESENT}"
         raise InvalidInput("input-not-gaussians", message, field="meshes.primitives.extensions")
     if others:
         asset.source.warn(f"{len(others)} primitives without Gaussians (meshes, lines) are left out")
@@ -448,7 +448,8 @@ def _gaussians(asset: Asset, primitive: dict[str, Any]) -> GaussianScene:
 
     def read(name: str, kind: str, allowed: frozenset[int]) -> NDArray[Any]:
         if name not in attributes:
-            raise asset.source.corrupt("a primitive of Gaussians lacks this attribute", field=name)
+            message = f"{asset.source.name}: Gaussians without {name}, as of an earlier draft; {_PRESENT}"
+            raise Unsupported("input-gltf", message, field=name)
         return asset.numbers(attributes[name], kind, allowed, name)
 
     positions = read(POSITION, "VEC3", _POSITIONS)
@@ -493,7 +494,7 @@ def _check_terms(asset: Asset, primitive: dict[str, Any], compressed: bool) -> N
     if primitive.get("mode") != POINTS:
         raise asset.source.corrupt("Gaussians must be points (mode 0)", field="meshes.primitives.mode")
     if terms.get("kernel") != KERNEL:
-        message = f"{name}: kernel {str(terms.get('kernel'))[:40]!r}; this importer reads {KERNEL!r}"
+        message = f"{name}: kernel {str(terms.get('kernel'))[:40]!r}; this importer reads {KERNEL!r}; {_PRESENT}"
         raise Unsupported("input-gltf", message, field="kernel")
     if terms.get("colorSpace") not in (SRGB, LINEAR):
         message = f"{name}: colour space {str(terms.get('colorSpace'))[:40]!r}; known are {SRGB!r} and {LINEAR!r}"

@@ -36,6 +36,11 @@ _KINDS = (
     (b"b3dm", "a tile of meshes; give a .glb with Gaussians"),
     (b"LASF", "a LAS point cloud without Gaussians; give a trained scene"),
     (b"ASTM-E57", "an E57 point cloud without Gaussians; give a trained scene"),
+    (b"# .pcd", "a PCD point cloud without Gaussians; give a trained scene"),
+    (b"spx", "a scene of Reall3dViewer, .spx; convert it to .spz with gsbox"),
+    (b"Kg\0\0", "a moving scene, .splatv; export one moment as a PLY"),
+    (b"\x80\x02", "a pickle, such as an old checkpoint of PyTorch; export the scene from its trainer as a PLY"),
+    (b"RIFF", "a picture; of a SOG, give its meta.json"),
     (b"\x89PNG", "a picture"),
     (b"\xff\xd8\xff", "a picture"),
     (b"<!doctype html", _PAGE),
@@ -49,6 +54,7 @@ _TAR = slice(257, 262)
 _DOCUMENTS = (
     ({"asset", "geometricError", "root"}, "a tileset of 3D Tiles; give one of the .glb files it names"),
     ({"totalSplats", "attributes"}, "a scene of XGRIDS, .lcc; export it as a PLY"),
+    ({"means", "opacities"}, "the output of gsplat's PngCompression; decompress it there, and export it as a PLY"),
     ({"frames"}, "a list of cameras, no scene; give it to --cameras"),
 )
 """Members that JSON documents have, what they are and what helps."""

@@ -37,7 +37,9 @@ def sniff(source: Source) -> bool:
     """Whether the content is a `meta.json`, or a ZIP archive with one."""
     if is_zip(source):
         return any(PurePosixPath(name).name == META for name in member_names(source))
-    return source.document is not None and isinstance(source.document.get("means"), dict)
+    document = source.document or {}
+    # The images of gsplat's PngCompression have a meta.json with the same member.
+    return isinstance(document.get("means"), dict) and "opacities" not in document
 
 
 def load(source: Source) -> GaussianScene:

@@ -76,6 +76,12 @@ def test_unknown_content_is_refused_with_the_list_of_formats(given: bytes) -> No
         (b"\xfd7zXZ\0", "packed by xz"),
         (b"BZh91AY", "packed by bzip2"),
         (b"\x28\xb5\x2f\xfd", "packed by zstd"),
+        (b"# .PCD v0.7", "a PCD point cloud"),
+        (b"spx\x01", "gsbox"),
+        (b"Kg\0\0\x10\0\0\0", "a moving scene"),
+        (b"\x80\x02\x8a\nl", "an old checkpoint"),
+        (b"RIFF\0\0\0\0WEBP", "its meta.json"),
+        (b'{"means": {"shape": [4, 3]}, "opacities": {}}', "PngCompression"),
         (b"b3dm", "a tile of meshes"),
         (zipped({}), "an empty ZIP"),
         (b'{"asset": {"version": "1.1"}, "geometricError": 1, "root": {}}', "a tileset of 3D Tiles"),
@@ -155,6 +161,12 @@ def test_an_address_is_no_file(address: str) -> None:
 def test_comments_do_not_decide_between_formats(data: bytes, known: str) -> None:
     assert detect(Source(data)).id == known
     assert len(read_scene(data)) > 0
+
+
+def test_a_folder_says_which_scene_in_it_to_give(tmp_path: Path) -> None:
+    (tmp_path / "splat.ply").write_bytes(inria_ply())
+    with pytest.raises(InvalidInput, match=r"such as splat\.ply"):
+        load(tmp_path)
 
 
 def test_missing_file_is_an_input_error(tmp_path: Path) -> None:

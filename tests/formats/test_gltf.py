@@ -63,6 +63,12 @@ def test_values_are_those_of_the_attributes_in_rdf(kind: Callable[[Document, byt
     np.testing.assert_allclose(scene.sh, expected, rtol=1e-6)
 
 
+@pytest.mark.parametrize("kind", ["", "application/gltf-buffer", "application/octet-stream;charset=utf-8"])
+def test_a_buffer_in_place_may_be_of_any_media_type(kind: str) -> None:
+    data = EXAMPLES["gltf json"].replace(b"application/octet-stream", kind.encode())
+    np.testing.assert_array_equal(read_scene(data).sh, read_scene(EXAMPLES["gltf json"]).sh)
+
+
 def test_a_buffer_may_lie_beside_the_document(tmp_path: Path) -> None:
     document, data = gltf_document()
     document["buffers"][0]["uri"] = "data%20of/scene.bin"
@@ -181,7 +187,7 @@ REFUSED: dict[str, tuple[Change, str]] = {
     "sparse": (lambda d: accessor(d, "POSITION").update(sparse={}), "input-gltf"),
     "glTF 1": (lambda d: d["asset"].update(version="1.0"), "input-version"),
     "triangles": (lambda d: primitive(d).update(mode=4), "input-corrupt"),
-    "no scale": (lambda d: primitive(d)["attributes"].pop(NAME("SCALE")), "input-corrupt"),
+    "no scale": (lambda d: primitive(d)["attributes"].pop(NAME("SCALE")), "input-gltf"),
     "half a degree": (lambda d: primitive(d)["attributes"].pop(NAME("SH_DEGREE_1_COEF_1")), "input-corrupt"),
     "a degree without that below": (
         lambda d: primitive(d)["attributes"].update({NAME(f"SH_DEGREE_3_COEF_{i}"): 0 for i in range(7)}),

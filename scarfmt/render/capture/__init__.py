@@ -17,6 +17,7 @@ from typing import Any
 from scarfmt.arrays import F64
 from scarfmt.render.camera import Camera
 from scarfmt.render.capture.colmap import colmap_cameras, colmap_distorted, model_files, warn_of_parts
+from scarfmt.render.capture.foreign import describe_document, describe_file
 from scarfmt.render.capture.points import colmap_points, ply_points
 from scarfmt.render.capture.record import (
     MAX_CAMERAS,
@@ -36,8 +37,10 @@ _KNOWN = (
     'a JSON object with "images" (scarfmt) or "frames" (transforms.json), a JSON array (INRIA\'s cameras.json), or a'
     " folder of COLMAP with cameras and images, .bin or .txt"
 )
-_BLENDER = {"transforms_train.json": "train", "transforms_test.json": "test"}
-"""Files of NeRF's synthetic scenes, one for each split."""
+_BLENDER = {"transforms_train.json": "train", "transforms_test.json": "test", "transforms_val.json": "test"}
+"""Files of NeRF's synthetic scenes, one for each split; that to validate is read where another is missing."""
+_DEPTHS = ("*", "*/*", "*/*/*")
+"""Where a model of COLMAP may lie that a folder is not searched for."""
 _POINTS = ("points3d.ply", "points3D.ply", "input.ply")
 """Point files beside a list that names none: those of this project, of COLMAP, and the one INRIA's trainer copies."""
 
@@ -131,8 +134,11 @@ def listings(path: Path) -> list[Path]:
     if (path / "transforms.json").is_file():
         return [path / "transforms.json"]
     if blender := [path / name for name in _BLENDER if (path / name).is_file()]:
-        return blender
-    raise wrong(str(path), f"no cameras in this folder; known are {_KNOWN}")
+        return blender[:2]
+    below = (file.parent for depth in _DEPTHS for file in path.glob(f"{depth}/images.*"))
+    inner = next(filter(model_files, below), None)
+    advice = f"known are {_KNOWN}" if inner is None else f"give {inner}"
+    raise wrong(str(path), f"no cameras in this folder; {advice}")
 
 
 def _cameras(path: Path) -> list[Camera]:
@@ -141,10 +147,13 @@ def _cameras(path: Path) -> list[Camera]:
         if model is None:
             raise wrong(str(path), "COLMAP's cameras and images are needed both, side by side, .bin or .txt")
         return colmap_cameras(*model)
-    match _json(path):
+    document = _json(path)
+    if whose := describe_document(document):
+        raise wrong(str(path), f"is {whose}")
+    match document:
         case {"images": list(entries)}:
             return [own_camera(record) for record in _records(path, "images", entries)]
-        case {"frames": list(frames)} as document:
+        case {"frames": list(frames)}:
             _check_number(path, frames)
             return transforms_cameras(str(path), document, frames, _dataparser(path))
         case list(entries):
@@ -186,4 +195,5 @@ def _json(path: Path) -> Any:
     try:
         return json.loads(data.decode("utf-8-sig"))
     except (ValueError, RecursionError) as error:
-        raise wrong(str(path), f"is not JSON ({str(error)[:100]}); known are {_KNOWN}") from error
+        whose = describe_file(path) or f"not JSON ({str(error)[:100]}); known are {_KNOWN}"
+        raise wrong(str(path), f"is {whose}") from error

@@ -23,7 +23,8 @@ from scarfmt.render.camera import Camera
 from scarfmt.render.capture.record import EXPORT_AGAIN, MAX_CAMERAS, Distorted, Record, wrong
 from scarfmt.scene.rotation import matrix_from_quaternion
 
-FOLDERS = (".", "sparse", "sparse/0")
+FOLDERS = (".", "sparse", "sparse/0", "0", "colmap/sparse/0")
+"""Where a model lies: COLMAP's, below a `sparse` that is given, and Nerfstudio's."""
 MAX_NAME = 4096
 _MAX_LINE = 1 << 16
 """Bytes of a line that is read; lines of keypoints are longer, and skipped."""
@@ -117,7 +118,7 @@ class Pose:
 
 
 def model_files(folder: Path) -> tuple[Path, Path] | None:
-    """The cameras and images files of a sparse model in `folder`, `sparse` or `sparse/0`; None if there is none."""
+    """The cameras and images files of a sparse model in one of :data:`FOLDERS`; None if there is none."""
     for inner in FOLDERS:
         for ending in (".bin", ".txt"):
             pair = (folder / inner / f"cameras{ending}", folder / inner / f"images{ending}")
@@ -270,7 +271,7 @@ def _text_lenses(path: Path) -> Iterator[tuple[int, Lens]]:
         except (IndexError, ValueError) as error:
             raise record.fault("camera", f"expected ID MODEL WIDTH HEIGHT PARAMS...; {EXPORT_AGAIN}") from error
         # A lens that no image uses is no fault, whatever its model is.
-        model = by_name.get(words[1], LensModel(words[1][:40], len(parameters), 0))
+        model = by_name.get(words[1].upper(), LensModel(words[1][:40], len(parameters), 0))
         yield camera, _lens(record, model, (width, height), parameters)
 
 

@@ -25,7 +25,7 @@ import numpy as np
 from scarfmt.arrays import F64
 from scarfmt.errors import InputWarning, InvalidInput
 from scarfmt.render.camera import Camera
-from scarfmt.render.capture.record import Distorted, Record, focal_of_angle, inverted
+from scarfmt.render.capture.record import EXPORT_AGAIN, Distorted, Record, focal_of_angle, inverted
 
 DATAPARSER = "dataparser_transforms.json"
 PINHOLE_MODELS = ("", "PINHOLE", "SIMPLE_PINHOLE", "OPENCV", "SIMPLE_RADIAL", "RADIAL", "FULL_OPENCV")
@@ -34,6 +34,8 @@ _DISTORTIONS = ("k1", "k2", "k3", "k4", "p1", "p2")
 _SIZES = ("w", "h", "fl_x", "fl_y", "cx", "cy", "camera_angle_x", "camera_angle_y")
 _SHARED = (*_SIZES, "camera_model", "is_fisheye", *_DISTORTIONS)
 """Fields that may stand above the frames and then hold for all of them."""
+_OTHER_AXES = "from_mitsuba"
+"""Instant-NGP's mark of poses whose x points left and z forward."""
 _FLIP = np.diag([1.0, -1.0, -1.0, 1.0])
 ENDINGS = ("", ".png", ".jpg", ".jpeg", ".JPG", ".JPEG", ".PNG")
 """Blender's file names leave out the ending, INRIA's lists too."""
@@ -116,11 +118,16 @@ class _Placement:
 
 
 def _frames(file: str, document: Mapping[str, Any], frames: list[Any]) -> list[Record]:
+    whole = Record(file, "top level", {})
+    if document.get(_OTHER_AXES):
+        raise whole.fault(_OTHER_AXES, f"poses with Mitsuba's axes are not read; {EXPORT_AGAIN} with OpenGL's")
     shared = {key: document[key] for key in _SHARED if key in document}
-    return [
-        Record(file, f"frames[{index}]", shared | Record.of(file, f"frames[{index}]", frame).values)
-        for index, frame in enumerate(frames)
-    ]
+    found = []
+    for index, frame in enumerate(frames):
+        record = Record.of(file, f"frames[{index}]", frame)
+        there = {key: value for key, value in (shared | record.values).items() if value is not None}
+        found.append(Record(file, record.place, there))
+    return found
 
 
 def _lens_model(record: Record) -> str:

@@ -62,7 +62,7 @@ def test_the_split_is_kept_where_the_file_has_one(kind: str, tmp_path: Path) -> 
     assert held_out(found[:2]) == found[:2]
 
 
-@pytest.mark.parametrize("inner", ["", "sparse", "sparse/0"])
+@pytest.mark.parametrize("inner", ["", "sparse", "sparse/0", "0", "colmap/sparse/0"])
 @pytest.mark.parametrize("kind", ["colmap binary", "colmap text"])
 def test_a_sparse_model_is_found_in_its_folders(kind: str, inner: str, tmp_path: Path) -> None:
     model = written(kind, SEVERAL, tmp_path / inner)
@@ -77,6 +77,13 @@ def test_models_of_parts_that_are_not_read_are_named(tmp_path: Path) -> None:
     with pytest.warns(InputWarning, match=r"one of 2 models .* another: 1"):
         assert_alike(load_cameras(tmp_path), SEVERAL[:1])
     assert_alike(load_cameras(tmp_path / "sparse" / "1"), SEVERAL)
+
+
+@pytest.mark.parametrize("inner", ["sparse/1", "dense/sparse", "a/b/c"])
+def test_a_sparse_model_in_another_folder_is_named(inner: str, tmp_path: Path) -> None:
+    files.colmap_binary(SEVERAL, tmp_path / inner)
+    with pytest.raises(InvalidInput, match=f"give .*{inner}"):
+        load_cameras(tmp_path)
 
 
 def test_text_keeps_names_with_spaces_and_an_image_without_a_line_after_it(tmp_path: Path) -> None:
@@ -211,6 +218,21 @@ def test_blenders_files_for_each_split_are_read_together(tmp_path: Path) -> None
     files.in_json(files.transforms(SEVERAL[3:]), tmp_path / "transforms_test.json")
     assert [camera.split for camera in load_cameras(tmp_path)] == ["train"] * 3 + ["test"]
     assert held_out(load_cameras(tmp_path))[0].name == SEVERAL[3].name
+
+
+def test_what_is_held_out_to_validate_is_tested_where_nothing_else_is(tmp_path: Path) -> None:
+    for index, name in enumerate(("train", "val")):
+        files.in_json(files.transforms(SEVERAL[index : index + 1]), tmp_path / f"transforms_{name}.json")
+    assert [camera.split for camera in load_cameras(tmp_path)] == ["train", "test"]
+
+
+def test_null_is_as_absent_and_axes_of_others_are_refused(tmp_path: Path) -> None:
+    frame = {"file_path": "a", "transform_matrix": np.eye(4).tolist(), "cx": None}
+    content = {"w": 8, "h": 6, "fl_x": None, "fl_y": 9, "k1": None, "frames": [frame]}
+    (camera,) = load_cameras(files.in_json(content, tmp_path / "transforms.json"))
+    assert (camera.fx, camera.cx) == (9, 4)
+    with pytest.raises(InvalidInput, match="Mitsuba"):
+        load_cameras(files.in_json(content | {"from_mitsuba": True}, tmp_path / "transforms.json"))
 
 
 def test_nerfstudios_own_frame_is_gone_to_where_its_file_is_there(tmp_path: Path) -> None:

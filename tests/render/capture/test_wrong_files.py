@@ -183,6 +183,28 @@ def test_a_million_declared_cameras_cost_nothing(tmp_path: Path) -> None:
     assert "declares" in refused(tmp_path)
 
 
+@pytest.mark.parametrize(
+    ("content", "said"),
+    [
+        ('<?xml version="1.0"?>\n<document version="2.0.0">', "Metashape"),
+        ("#name,x,y,alt\n", "RealityScan"),
+        ("NVM_V3 \n", "VisualSFM"),
+        ("SQLite format 3\0", "no poses"),
+        ('[{"cameras": {}, "shots": {}, "points": {}}]', "OpenSfM"),
+        ('{"sfm_data_version": "0.3", "views": [], "intrinsics": []}', "openMVG"),
+        ('{"views": [], "intrinsics": [], "poses": []}', "Meshroom"),
+        ('{"t_00": 1, "t_23": 0, "fx": 500}', "ns-process-data polycam"),
+        ('{"poses": [], "K": []}', "ns-process-data record3d"),
+        ('{"camera_path": []}', "for a video"),
+    ],
+)
+def test_files_of_other_programs_are_named(tmp_path: Path, content: str, said: str) -> None:
+    path = tmp_path / "cameras"
+    path.write_text(content)
+    with pytest.raises(InvalidInput, match=said):
+        load_cameras(path)
+
+
 def test_what_is_no_camera_file_is_told_what_is(tmp_path: Path) -> None:
     for content in ("", "{}", "[1]", '{"images": 3}', '{"frames": {}}', "[" * 100_000, '"x"', "ply\nformat"):
         path = tmp_path / "a.json"
