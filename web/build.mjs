@@ -27,6 +27,7 @@ await build({
     "scar-stream": "src/index.ts",
     viewer: "src/viewer/viewer.ts",
     element: "src/viewer/element.ts",
+    loaders: "src/adapters/loaders.ts",
     three: "src/adapters/three.ts",
     playcanvas: "src/adapters/playcanvas.ts",
   },
@@ -45,6 +46,6 @@ await build({
   outdir: "dist/tests",
   outExtension: { ".js": ".mjs" },
   sourcemap: "inline",
-  external: ["esbuild", "puppeteer-core", "vite", "webpack"],
+  external: ["@loaders.gl/core", "esbuild", "puppeteer-core", "vite", "webpack"],
   platform: "node",
 });

@@ -63,5 +63,5 @@ def test_it_is_small(web: Path) -> None:
     assert _gzipped(dist, whole) <= MOST_OF_A_VIEWER
     assert _gzipped(dist, _loaded(dist, "worker.js")) <= MOST_OF_A_WORKER
     assert _gzipped(dist, {"scar.wasm"}) <= MOST_OF_THE_MODULE
-    for adapter in ("three.js", "playcanvas.js"):
+    for adapter in ("loaders.js", "three.js", "playcanvas.js"):
         assert _gzipped(dist, _loaded(dist, adapter) - stream) <= MOST_OF_AN_ADAPTER

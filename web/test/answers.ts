@@ -114,7 +114,7 @@ function streamingOf(front: Directory, file: OpenFile): object | null {
   const { tiles, view, low, high, reach } = parseStreaming(checkedBody(file, block), block.offset);
   demand(tiles === front.index.tiles, "bad-streaming", `${tiles} tiles of ${front.index.tiles}`, block.offset);
   const triples = (bytes: Uint8Array) => Array.from(reach, (_, tile) => [...bytes.subarray(3 * tile, 3 * tile + 3)]);
-  return { view: view?.map(bitsOfSingle) ?? null, low: triples(low), high: triples(high), reach: [...reach] };
+  return { view: view?.map((number) => bitsOf(number, 8)) ?? null, low: triples(low), high: triples(high), reach: [...reach] };
 }
 
 /** Arrays by stage and name, which arrive tile by tile. */
@@ -287,24 +287,18 @@ function logit(logOpacity: number): number {
   return y - Math.log(-Math.expm1(y));
 }
 
-/** Bits of a float32, most significant first. */
-function bitsOfSingle(number: number): string {
-  const view = new DataView(new ArrayBuffer(4));
-  view.setFloat32(0, number);
-  return view.getUint32(0).toString(16).padStart(8, "0");
-}
-
-/** Bits of a float64, most significant first. */
-function bitsOf(number: number): string {
+/** Bits of a number, most significant first, in hexadecimal digits. */
+function bitsOf(number: number, digits = 16): string {
   const view = new DataView(new ArrayBuffer(8));
-  view.setFloat64(0, number);
-  return view.getBigUint64(0).toString(16).padStart(16, "0");
+  if (digits === 8) view.setFloat32(4, number);
+  else view.setFloat64(0, number);
+  return view.getBigUint64(0).toString(16).padStart(digits, "0");
 }
 
 /** The fields of the tables of §5, integers as strings. */
 function containerOf(front: Directory, blocks: FileBlock[]): object {
   const { header, layers } = front;
-  const special = { signature: Buffer.from(header.signature).toString("hex"), origin: header.origin.map(bitsOf), voxel: bitsOf(header.voxel) };
+  const special = { signature: Buffer.from(header.signature).toString("hex"), origin: header.origin.map((x) => bitsOf(x)), voxel: bitsOf(header.voxel) };
   const cubes = Array.from({ length: front.index.tiles }, (_, tile) => front.cube(tile));
   const entries = blocks.map(({ tile, ...block }) => ({ ...block, tile: tile ?? 0xffffffff }));
   return {

@@ -12,8 +12,7 @@ import { build as buildByVite } from "vite";
 import webpack from "webpack";
 import { lit, until } from "./chromium.js";
 import { toys } from "./files.js";
-import { type Host, hosting } from "./hosting.js";
-import { serving } from "./server.js";
+import { type FileServer, serving } from "./server.js";
 import { sharedBrowser } from "./shared_browser.js";
 
 const browsing = sharedBrowser();
@@ -61,20 +60,17 @@ after(() => rmSync(app, { recursive: true }));
 
 /** Opens what lies in a folder of the app, and expects that both viewers draw. */
 async function assertDraws(folder: string): Promise<void> {
-  const host: Host = { asked: [], missing: [] };
-  await serving(toys(), (scene) =>
-    hosting(pathToFileURL(`${join(app, folder)}/`), scene, host, (address) =>
-      browsing(async (page) => {
-        const told: string[] = [];
-        page.on("console", (message) => told.push(message.text()));
-        await page.goto(address);
-        await until(page, "still");
-        assert.ok((await lit(page)) > 0.3);
-        assert.deepEqual(told, [], "nothing to complain of, such as two copies of three.js");
-        assert.deepEqual(host.missing, []);
-      }),
-    ),
-  );
+  const draws = (url: string, { missing }: FileServer) =>
+    browsing(async (page) => {
+      const told: string[] = [];
+      page.on("console", (message) => told.push(message.text()));
+      await page.goto(String(new URL("/", url)));
+      await until(page, "still");
+      assert.ok((await lit(page)) > 0.3);
+      assert.deepEqual(told, [], "nothing to complain of, such as two copies of three.js");
+      assert.deepEqual(missing, []);
+    });
+  await serving(toys(), draws, pathToFileURL(`${join(app, folder)}/`));
 }
 
 /** A folder for what a bundler makes, with a page that loads it. */

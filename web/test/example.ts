@@ -2,28 +2,30 @@
 
 import type { Page } from "puppeteer-core";
 import { type Browsing, browsing, type Size } from "./chromium.js";
-import { hosting } from "./hosting.js";
+import { serving, type FileServer } from "./server.js";
 
 const WEB = new URL("../../", import.meta.url);
 /** In which the view is told, and PlayCanvas copies and sorts what was uploaded. */
 const SETTLING = { frames: 10, ms: 300 };
 
-/** Runs in a browser with the example open on the scene that another server sends. */
+/** Runs in a browser with the example open on a scene. @param prepare tells its server what to do */
 export async function exampleOf(
-  scene: string,
-  run: (page: Page) => Promise<void>,
-  { size, open = browsing, device = "webgl2" }: { size?: Size; open?: Browsing; device?: string } = {},
+  scene: Uint8Array,
+  run: (page: Page, server: FileServer) => Promise<void>,
+  { size, open = browsing, device = "webgl2", prepare }: { size?: Size; open?: Browsing; device?: string; prepare?: (server: FileServer) => void } = {},
 ): Promise<void> {
-  await hosting(WEB, scene, { asked: [] }, (address) =>
-    open(async (page) => {
-      await page.goto(`${address}examples/playcanvas.html?url=/scene.scar&device=${device}`);
+  const opened = async (url: string, server: FileServer) => {
+    prepare?.(server);
+    await open(async (page) => {
+      await page.goto(`${new URL("/", url)}examples/playcanvas.html?url=/scene.scar&device=${device}`);
       await page.waitForFunction("document.readyState === 'complete'");
       await page.evaluate("import('playcanvas').then((found) => (globalThis.pc = found))");
       // A device comes later than the page.
       await page.waitForFunction("pc.app?.root.findByName('camera')", { polling: 50 });
-      await run(page);
-    }, size),
-  );
+      await run(page, server);
+    }, size);
+  };
+  await serving(scene, opened, WEB);
 }
 
 /** An expression of the page in which `app`, `asset`, `resource` and `stream` are those of the example. */

@@ -120,8 +120,8 @@ describe("a page that loads", () => {
         assert.equal(server.asked.filter(({ range }) => range?.[0] === 0).length, 1);
       },
       {
-        prepare: (server, host) => {
-          host.before = async (name) => (name.endsWith(".js") ? scene : undefined);
+        prepare: (server) => {
+          server.before = async (name) => (name.endsWith(".js") ? scene : undefined);
           server.trick = () => {
             asked();
             return false;
@@ -143,8 +143,8 @@ describe("a page that loads", () => {
       },
       {
         scene: vector("valid/annotations"),
-        prepare: (_, host) => {
-          host.before = async (name) => (name === "scar.wasm" ? held : undefined);
+        prepare: (server) => {
+          server.before = async (name) => (name === "scar.wasm" ? held : undefined);
         },
       },
     );
@@ -166,27 +166,26 @@ describe("a page that loads", () => {
         release();
         await until(page, "still");
         await page.keyboard.press("1");
-        await page.evaluate("viewer.shDegree = 0");
         await untilComplete(page, 1);
         const alike = await psnr(page, sketched, await page.screenshot({ encoding: "base64" }));
         assert.ok(alike > LEAST_PSNR, `${alike} dB`);
       },
       {
         ...withViewer,
-        prepare: (_, host) => {
-          host.before = async (name) => (name.startsWith("stage-") ? held : undefined);
+        prepare: (server) => {
+          server.before = async (name) => (name.startsWith("stage-") ? held : undefined);
         },
       },
     );
   });
 
   it("fetches and compiles the decoder once for all workers and scenes", async () => {
-    await viewing(async (page, _, { asked }) => {
+    await viewing(async (page, { named }) => {
       await untilComplete(page, 5);
       await page.keyboard.press("c");
       await page.waitForFunction("document.querySelectorAll('canvas').length === 2", { polling: 100 });
       await until(page, "still");
-      assert.equal(asked.filter((name) => name === "scar.wasm").length, 1);
+      assert.equal(named.filter((name) => name === "scar.wasm").length, 1);
     });
   });
 });

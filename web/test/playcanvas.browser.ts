@@ -6,7 +6,7 @@ import type { Page } from "puppeteer-core";
 import { lit } from "./chromium.js";
 import { ask, exampleOf, look, settle, untilLayers, untilTrue } from "./example.js";
 import { toys } from "./files.js";
-import { type FileServer, serving } from "./server.js";
+import type { FileServer } from "./server.js";
 import { sharedBrowser } from "./shared_browser.js";
 
 const bytes = toys();
@@ -19,14 +19,11 @@ const CLOSE = 1e-4;
 
 /** Runs with the example open on a scene whose server can be told to misbehave. */
 async function opened(run: (page: Page, server: FileServer) => Promise<void>, prepare?: (server: FileServer) => void) {
-  await serving(bytes, async (url, server) => {
-    prepare?.(server);
-    const inPage = async (page: Page) => {
-      await untilTrue(page, "resource");
-      await run(page, server);
-    };
-    await exampleOf(url, inPage, { open: browsing });
-  });
+  const inPage = async (page: Page, server: FileServer) => {
+    await untilTrue(page, "resource");
+    await run(page, server);
+  };
+  await exampleOf(bytes, inPage, { open: browsing, prepare });
 }
 
 /** Waits until the share of the picture that is lit is as it should be: sorting is another worker's, whenever that runs. */

@@ -1,5 +1,6 @@
-/** A web server for one file, that can be told to misbehave. */
+/** A web server for one scene, that can be told to misbehave, and for the pages of a folder. */
 
+import { existsSync, readFileSync } from "node:fs";
 import { createServer, type IncomingMessage, type Server, type ServerResponse } from "node:http";
 import type { AddressInfo } from "node:net";
 
@@ -12,8 +13,22 @@ export interface Asked {
 /** Answers a request itself and returns true, or leaves it to the server. */
 export type Trick = (asked: Asked, response: ServerResponse, number: number) => boolean;
 
+const TYPES: Record<string, string> = {
+  html: "text/html",
+  js: "text/javascript",
+  mjs: "text/javascript",
+  css: "text/css",
+  wasm: "application/wasm",
+};
+
 export class FileServer {
+  /** Requests for the scene. */
   readonly asked: Asked[] = [];
+  /** Files of the folder that were asked for, by name, and those of them that are not there. */
+  readonly named: string[] = [];
+  readonly missing: string[] = [];
+  /** What is awaited before one is sent. */
+  before: (name: string) => Promise<void> = async () => undefined;
   etag: string | null = '"one"';
   ranges = true;
   trick: Trick = () => false;
@@ -23,8 +38,13 @@ export class FileServer {
   pending = 0;
   #server: Server;
 
-  constructor(public bytes: Uint8Array) {
+  constructor(
+    public bytes: Uint8Array,
+    readonly folder?: URL,
+  ) {
     this.#server = createServer((request, response) => {
+      const { pathname } = new URL(request.url ?? "/", "http://host/");
+      if (pathname !== "/scene.scar") return void this.#send(pathname === "/" ? "index.html" : pathname.slice(1), response);
       this.pending++;
       response.on("close", () => this.pending--);
       if (this.delay === 0) this.#answer(request, response);
@@ -65,6 +85,16 @@ export class FileServer {
     };
   }
 
+  async #send(name: string, response: ServerResponse): Promise<void> {
+    this.named.push(name);
+    await this.before(name);
+    const file = new URL(name, this.folder);
+    const found = existsSync(file);
+    if (!found) this.missing.push(name);
+    const type = TYPES[name.split(".").pop() ?? ""] ?? "text/plain";
+    response.writeHead(found ? 200 : 404, { "Content-Type": type }).end(found ? readFileSync(file) : "");
+  }
+
   #answer(request: IncomingMessage, response: ServerResponse): void {
     const match = /^bytes=(\d+)-(\d+)$/.exec(request.headers.range ?? "");
     const range: Asked["range"] = match === null ? null : [Number(match[1]), Number(match[2])];
@@ -86,12 +116,13 @@ export class FileServer {
   }
 }
 
-/** Runs with a server for some bytes, which is stopped whatever happens. */
+/** Runs with the address of a scene and its server, which is stopped whatever happens. @param folder of pages beside it */
 export async function serving(
   bytes: Uint8Array,
   run: (url: string, server: FileServer) => Promise<void>,
+  folder?: URL,
 ): Promise<void> {
-  const server = new FileServer(bytes);
+  const server = new FileServer(bytes, folder);
   const url = await server.start();
   try {
     await run(url, server);

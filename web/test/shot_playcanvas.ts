@@ -7,7 +7,6 @@ import { writeFileSync } from "node:fs";
 import { browsing, browsingWebgpu } from "./chromium.js";
 import { ask, exampleOf, look, settle, untilLayers, untilTrue } from "./example.js";
 import { readBytes } from "./files.js";
-import { serving } from "./server.js";
 
 const [scene, path, width, height, view, device = "webgl2"] = process.argv.slice(2);
 const size = { width: Number(width), height: Number(height) };
@@ -25,18 +24,16 @@ const DRAWN = `(async () => {
   return canvas.toDataURL("image/png").split(",")[1];
 })()`;
 
-await serving(readBytes(scene), (url) =>
-  exampleOf(
-    url,
-    async (page) => {
-      if (device === "webgpu" && !(await ask<boolean>(page, "app.graphicsDevice.isWebGPU"))) return;
-      await untilTrue(page, "resource");
-      await look(page, view.split(",").map(Number));
-      await untilLayers(page, 1);
-      await untilTrue(page, "stream.stats().layerAt.every((at) => at !== null) && !resource.waiting");
-      await settle(page);
-      writeFileSync(path, await ask<string>(page, DRAWN), "base64");
-    },
-    { size, device, open: device === "webgpu" ? browsingWebgpu : browsing },
-  ),
+await exampleOf(
+  readBytes(scene),
+  async (page) => {
+    if (device === "webgpu" && !(await ask<boolean>(page, "app.graphicsDevice.isWebGPU"))) return;
+    await untilTrue(page, "resource");
+    await look(page, view.split(",").map(Number));
+    await untilLayers(page, 1);
+    await untilTrue(page, "stream.stats().layerAt.every((at) => at !== null) && !resource.waiting");
+    await settle(page);
+    writeFileSync(path, await ask<string>(page, DRAWN), "base64");
+  },
+  { size, device, open: device === "webgpu" ? browsingWebgpu : browsing },
 );

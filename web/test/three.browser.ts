@@ -4,7 +4,6 @@ import assert from "node:assert/strict";
 import { describe, it } from "node:test";
 import { lit } from "./chromium.js";
 import { toys } from "./files.js";
-import { hosting } from "./hosting.js";
 import { serving } from "./server.js";
 import { sharedBrowser } from "./shared_browser.js";
 
@@ -13,10 +12,11 @@ const WEB = new URL("../../", import.meta.url);
 
 describe("a scene in three.js", () => {
   it("draws, is asked for as its camera sees it, and leaves nothing behind", async () => {
-    await serving(toys(), (scene) =>
-      hosting(WEB, scene, { asked: [] }, (address) =>
+    await serving(
+      toys(),
+      (url) =>
         browsing(async (page) => {
-          await page.goto(`${address}examples/three.html?url=/scene.scar`);
+          await page.goto(`${new URL("/", url)}examples/three.html?url=/scene.scar`);
           await page.waitForFunction("globalThis.toys?.feed.done && !toys.busy", { polling: 100 });
           assert.ok((await lit(page)) > 0.1);
           await page.evaluate("toys.feed.look = (view) => (globalThis.told = view); camera.position.x += 0.1; 0");
@@ -27,7 +27,7 @@ describe("a scene in three.js", () => {
           await page.waitForFunction("scene.children.every(({ type }) => type !== 'Group')");
           assert.equal(page.workers().filter((worker) => worker.url().endsWith("/worker.js")).length, 0);
         }, { width: 240, height: 180 }),
-      ),
+      WEB,
     );
   });
 });

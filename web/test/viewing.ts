@@ -3,7 +3,6 @@
 import type { Page } from "puppeteer-core";
 import { type Browsing, until } from "./chromium.js";
 import { toys } from "./files.js";
-import { type Host, hosting } from "./hosting.js";
 import { type FileServer, serving } from "./server.js";
 
 export const PAGE = new URL("../../../scarfmt/viewer/page/", import.meta.url);
@@ -13,28 +12,26 @@ export interface Setting {
   /** Of the page's address. */
   query?: string;
   scene?: Uint8Array;
-  /** Misbehaviour of the scene's server. */
-  prepare?: (server: FileServer, host: Host) => void;
+  /** Misbehaviour of the server. */
+  prepare?: (server: FileServer) => void;
   /** Runs in the page before its scripts. */
   before?: () => unknown;
 }
 
-type Run = (page: Page, server: FileServer, host: Host) => Promise<void>;
+type Run = (page: Page, server: FileServer) => Promise<void>;
 
 /** @returns what runs in a browser with the page open on a scene */
 export function viewingIn(browsing: Browsing): (run: Run, setting?: Setting) => Promise<void> {
   return async (run, { query = "url=/scene.scar", scene = bytes, prepare, before } = {}) => {
-    await serving(scene, async (url, server) => {
-      const host: Host = { asked: [] };
-      prepare?.(server, host);
-      await hosting(PAGE, url, host, (address) =>
-        browsing(async (page) => {
-          if (before !== undefined) await page.evaluateOnNewDocument(before);
-          await page.goto(`${address}?${query}`);
-          await run(page, server, host);
-        }),
-      );
-    });
+    const opened = async (url: string, server: FileServer) => {
+      prepare?.(server);
+      await browsing(async (page) => {
+        if (before !== undefined) await page.evaluateOnNewDocument(before);
+        await page.goto(`${new URL("/", url)}?${query}`);
+        await run(page, server);
+      });
+    };
+    await serving(scene, opened, PAGE);
   };
 }
 

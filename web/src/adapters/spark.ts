@@ -110,7 +110,7 @@ const READ_HARMONICS = `
     }
   }
 
-  vec3 scarHarmonics(usampler2D harmonics, int index, int degree, int shown, vec3 direction) {
+  vec3 scarHarmonics(usampler2D harmonics, int index, int degree, vec3 direction) {
     uint packed[12];
     uvec4 texel = uvec4(0u);
     for (int t = 0; t < degree; t++) {
@@ -118,7 +118,7 @@ const READ_HARMONICS = `
       for (int k = 0; k < 4; k++) packed[4 * t + k] = texel[k];
     }
     vec3 rgb = vec3(0.0);
-    for (int k = 0; k < (shown + 1) * (shown + 1) - 1; k++) {
+    for (int k = 0; k < (degree + 1) * (degree + 1) - 1; k++) {
       vec3 colour;
       for (int c = 0; c < 3; c++) {
         int at = 3 * k + c;
@@ -145,12 +145,10 @@ interface Upload {
 export class ScarSplats implements SplatSource {
   /** Called when all of a tile is written: the next frame shows it. */
   onWritten: (words: PackedTile) => void = () => undefined;
-  private maxSh = 3;
   private readonly geometry: THREE.DataTexture;
   private readonly harmonics: THREE.DataTexture;
   private readonly pending = new Map<number, Upload>();
   private readonly places: Places;
-  private readonly degreeShown = new dyno.DynoInt({ value: 0 });
 
   /**
    * @param renderer whose context the textures live in
@@ -223,9 +221,7 @@ export class ScarSplats implements SplatSource {
     write(this.renderer, this.geometry, GEOMETRY_TEXELS * first, geometry.subarray(8 * from, 8 * to));
   }
 
-  prepareFetchSplat(): void {
-    this.setMaxSh(this.maxSh);
-  }
+  prepareFetchSplat(): void {}
 
   dispose(): void {
     this.geometry.dispose();
@@ -238,35 +234,32 @@ export class ScarSplats implements SplatSource {
   }
 
   hasRgbDir(): boolean {
-    return Math.min(this.maxSh, this.shDegree) > 0;
+    return this.shDegree > 0;
   }
 
   getNumSh(): number {
     return this.shDegree;
   }
 
-  setMaxSh(maxSh: number): void {
-    this.maxSh = maxSh;
-    this.degreeShown.value = Math.min(maxSh, this.shDegree);
-  }
+  /** All harmonics are drawn. */
+  setMaxSh(): void {}
 
   fetchSplat({ index, viewOrigin }: Parameters<SplatSource["fetchSplat"]>[0]): ReturnType<SplatSource["fetchSplat"]> {
     const degree = this.shDegree;
     const read = new dyno.Dyno({
-      inTypes: { index: "int", origin: "vec3", geometry: "usampler2D", harmonics: "usampler2D", shown: "int" },
+      inTypes: { index: "int", origin: "vec3", geometry: "usampler2D", harmonics: "usampler2D" },
       outTypes: { gsplat: dyno.Gsplat },
       inputs: {
         index,
         origin: viewOrigin ?? dyno.dynoConst("vec3", [0, 0, 0]),
         geometry: new dyno.DynoUsampler2D({ value: this.geometry, key: "scarGeometry" }),
         harmonics: new dyno.DynoUsampler2D({ value: this.harmonics, key: "scarHarmonics" }),
-        shown: this.degreeShown,
       },
       globals: () => [dyno.defineGsplat, READ_SPLAT, READ_HARMONICS],
       statements: ({ inputs, outputs }) => [
-        `if (readScar(${inputs.geometry}, ${inputs.index}, ${outputs.gsplat}) && ${inputs.shown} > 0) {`,
+        `if (readScar(${inputs.geometry}, ${inputs.index}, ${outputs.gsplat}) && ${degree} > 0) {`,
         `  vec3 direction = normalize(${outputs.gsplat}.center - ${inputs.origin});`,
-        `  ${outputs.gsplat}.rgba.rgb += scarHarmonics(${inputs.harmonics}, ${inputs.index}, ${degree}, ${inputs.shown}, direction);`,
+        `  ${outputs.gsplat}.rgba.rgb += scarHarmonics(${inputs.harmonics}, ${inputs.index}, ${degree}, direction);`,
         "}",
       ],
     });

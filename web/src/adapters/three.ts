@@ -15,8 +15,6 @@ import { Feed, type FeedOptions } from "../stream/feed.js";
 import type { SourceLike } from "../stream/source.js";
 import { drawModel, makeSpark, ScarSplats } from "./spark.js";
 
-const ALL_DEGREES = 3;
-
 export class ScarScene extends THREE.Group {
   /** Whether another frame is needed for what has come. */
   busy = true;
@@ -29,7 +27,6 @@ export class ScarScene extends THREE.Group {
   #drawn: { mesh: SplatMesh; splats: ScarSplats } | null = null;
   /** Whether the mesh lacks what its textures have. */
   #stale = false;
-  #degree = ALL_DEGREES;
   readonly #restart = () => this.feed.restart();
 
   constructor(source: SourceLike | Feed, options: FeedOptions = {}) {
@@ -50,19 +47,6 @@ export class ScarScene extends THREE.Group {
     camera.updateProjectionMatrix();
     camera.lookAt(target);
     return target;
-  }
-
-  /** Degree of harmonics that is drawn. */
-  get shDegree(): number {
-    return this.#degree;
-  }
-
-  set shDegree(degree: number) {
-    this.#degree = degree;
-    if (this.#drawn === null) return;
-    this.#drawn.mesh.maxSh = degree;
-    this.#drawn.splats.setMaxSh(degree);
-    this.#stale = true;
   }
 
   /** Gaussians that the last frame drew. */
@@ -128,7 +112,6 @@ export class ScarScene extends THREE.Group {
     const splats = new ScarSplats(renderer, placesFor(front, budgets), front.header.sh_degree);
     splats.onWritten = (words) => this.onWritten(words);
     this.#drawn = { mesh: new SplatMesh({ splats, raycastable: false, enableLod: false }), splats };
-    this.shDegree = this.#degree;
     this.add(this.#drawn.mesh);
   }
 

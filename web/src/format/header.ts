@@ -13,7 +13,7 @@ type RawHeader = ReturnType<typeof rawHeader>;
 type RawSummary = ReturnType<typeof rawSummary>;
 type Numbers<Raw> = { [Name in keyof Raw]: Raw[Name] extends bigint[] ? number[] : Raw[Name] extends bigint ? number : Raw[Name] };
 
-const SIGNATURE = [0x89, 0x53, 0x43, 0x41, 0x52, 0x0d, 0x0a, 0x1a, 0x0a];
+export const SIGNATURE = [0x89, 0x53, 0x43, 0x41, 0x52, 0x0d, 0x0a, 0x1a, 0x0a];
 const NAME = SIGNATURE.slice(1, 5);
 const FIXED = 100;
 const SUMMARY = 136;

@@ -46,11 +46,6 @@ export class Stage {
     this.#renderer.setClearColor(clear ? 0 : colour, clear ? 0 : 1);
   }
 
-  /** Draws harmonics up to a degree. */
-  set shDegree(degree: number) {
-    if (this.#shown !== null) this.#shown.shDegree = degree;
-  }
-
   /** Gaussians that the last frame drew. */
   get splatsDrawn(): number {
     return this.#shown?.splatsDrawn ?? 0;

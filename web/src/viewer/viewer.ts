@@ -63,7 +63,6 @@ export interface ViewerEvents {
 const SKETCH_MS = 15_000;
 
 const LABEL = "3D scene. Drag or arrow keys: turn; right button or two fingers: move; wheel: nearer; W A S D Q E: fly.";
-const ALL_DEGREES = 3;
 
 export class Viewer {
   readonly canvas = document.createElement("canvas");
@@ -79,7 +78,6 @@ export class Viewer {
   /** Nothing can be drawn on this page. */
   #broken = false;
   #state: ViewerState = "empty";
-  #shDegree = ALL_DEGREES;
   #background: string;
   /** Draws layer 1 until the stage does. */
   #sketch: Sketch | null = null;
@@ -180,17 +178,6 @@ export class Viewer {
 
   set layers(layers: number) {
     if (this.#feed !== null) this.#feed.layers = layers;
-  }
-
-  /** Degree up to which colours depend on the direction, 0 to 3. */
-  get shDegree(): number {
-    return this.#shDegree;
-  }
-
-  set shDegree(degree: number) {
-    this.#shDegree = degree;
-    if (this.#stage !== null) this.#stage.shDegree = degree;
-    this.#needFrame();
   }
 
   /** A colour of CSS, or "transparent". */
@@ -294,7 +281,6 @@ export class Viewer {
     this.#sketchEnds = performance.now() + SKETCH_MS;
     if (this.#uncovered) this.#paint();
     if (this.#feed !== null) this.#stage.show(this.#feed);
-    this.#stage.shDegree = this.#shDegree;
     this.#needFrame();
   }
 
