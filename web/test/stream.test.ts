@@ -2,27 +2,10 @@
 
 import assert from "node:assert/strict";
 import { describe, it } from "node:test";
-import type { Planner } from "../src/plan/types.js";
 import { openedFront, toys, vector, WholeFile } from "./files.js";
-import { serving } from "./server.js";
 import { assertComplete, cameraAt, streaming, watching } from "./watching.js";
 
 const bytes = toys();
-
-/** Tiles in an order that a camera's x says: from tile x on. */
-const turning: Planner = {
-  plan({ tiles, layers }, camera, have) {
-    const first = camera?.position[0] ?? 0;
-    const steps = [];
-    for (let layer = 1; layer <= layers; layer++) {
-      for (let i = 0; i < tiles; i++) {
-        const tile = (first + i) % tiles;
-        if (have[tile] < layer) steps.push({ tile, layer });
-      }
-    }
-    return steps;
-  },
-};
 
 describe("a stream", () => {
   it("delivers every tile after every layer, as a direct decode does", async () => {
@@ -75,38 +58,6 @@ describe("a stream", () => {
       assert.equal(server.asked.length, stats.requests);
       assert.ok(stats.requests <= 4, `${stats.requests} requests for ${bytes.length} bytes`);
       assert.equal(stats.bytesRead, bytes.length);
-    });
-  });
-
-  it("gives up what a view change made useless, and asks for what is looked at now", async () => {
-    const near: Planner = {
-      plan: (index, camera, have) => {
-        const steps = turning.plan(index, camera, have);
-        const first = camera!.position[0];
-        return steps.filter(({ tile }) => tile >= first && tile < first + 3);
-      },
-    };
-    const models = new WholeFile(bytes).blocks.filter(({ kind }) => kind < 16);
-    const holdsModels = ([first, last]: [number, number]) => models.some(({ offset }) => offset <= last && offset >= first);
-    await serving(bytes, async (url, server) => {
-      let hung = 0;
-      let turned = false;
-      server.trick = ({ range }, response, number) => {
-        if (number === 1 || turned || holdsModels(range!)) return false;
-        hung++;
-        response.writeHead(206).flushHeaders();
-        return true;
-      };
-      await watching(url, { planner: near, camera: cameraAt(15), replanMs: 0 }, async (watched) => {
-        while (hung === 0) await new Promise((resolve) => setTimeout(resolve, 5));
-        turned = true;
-        watched.stream.setView(cameraAt(3));
-        const stats = await watched.end();
-        assert.ok(stats.aborted >= hung);
-        assert.deepEqual(watched.errors, []);
-        assert.deepEqual([...watched.shown.keys()].filter((tile) => tile >= 3 && tile < 6).length, 3);
-        for (const tile of [3, 4, 5]) assert.equal(watched.shown.get(tile)!.layer, 5);
-      });
     });
   });
 

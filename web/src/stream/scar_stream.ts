@@ -64,7 +64,6 @@ export interface Stats extends Progress {
   requests: number;
   retries: number;
   /** Requests given up since the view changed. */
-  aborted: number;
   /** Bytes a second that the connection brings. */
   throughput: number;
   /** Seconds to the first byte of a request. */
@@ -201,7 +200,6 @@ export class ScarStream {
       bytesUsed: counts?.bytesUsed ?? 0,
       requests: this.#read.requests + (counts?.requests ?? 0),
       retries: counts?.retries ?? 0,
-      aborted: counts?.aborted ?? 0,
       throughput,
       delay,
       tilesShown: this.#tilesAtLayer[0] ?? 0,

@@ -23,7 +23,6 @@ export interface TransferEvents {
 export interface TransferCounts {
   requests: number;
   retries: number;
-  aborted: number;
   /** Bytes that arrived, and those of them in blocks that were taken. */
   bytesRead: number;
   bytesUsed: number;
@@ -34,8 +33,6 @@ const UNDER_WAY = 1;
 const ARRIVED = 2;
 const DAMAGED = 3;
 const DAMAGE_RETRIES = 2;
-/** Under way but that much further down the new plan than one would ask for now, a request is given up. */
-const USELESS_AFTER = 8;
 
 interface Transfer extends ByteRange {
   controller: AbortController;
@@ -46,7 +43,7 @@ interface Transfer extends ByteRange {
 }
 
 export class Transfers {
-  readonly counts: TransferCounts = { requests: 0, retries: 0, aborted: 0, bytesRead: 0, bytesUsed: 0 };
+  readonly counts: TransferCounts = { requests: 0, retries: 0, bytesRead: 0, bytesUsed: 0 };
   readonly #state: Uint8Array;
   /** Blocks that a request brought in part. */
   readonly #partial = new Map<number, Partial>();
@@ -106,7 +103,6 @@ export class Transfers {
     this.#isWanted = new Uint8Array(this.#state.length);
     for (const e of this.#wanted) this.#isWanted[e] = 1;
     for (const e of this.#partial.keys()) if (this.#isWanted[e] === 0) this.#partial.delete(e);
-    this.#abortUseless();
     this.#pump();
   }
 
@@ -255,9 +251,7 @@ export class Transfers {
     const { unfinished } = transfer.assembler;
     const keep = this.source.ranged !== false && unfinished !== null && this.#isWanted[unfinished.entry] === 1;
     if (keep) this.#partial.set(unfinished.entry, unfinished);
-    if (transfer.controller.signal.aborted) {
-      this.counts.aborted++;
-    } else if (failure !== undefined) {
+    if (!transfer.controller.signal.aborted && failure !== undefined) {
       this.#retryLater(asStreamError(failure, { source: this.source.name, offset: transfer.start }));
     }
     this.#pump();
@@ -300,25 +294,5 @@ export class Transfers {
     this.#state[entry] = ARRIVED;
     this.counts.bytesUsed += body.length;
     this.events.onBlock(entry, body);
-  }
-
-  /** A view change may leave nothing of use in what a request has still to bring. */
-  #abortUseless(): void {
-    if (this.source.ranged === false) return;
-    const { length } = this.front.entries;
-    const { window } = requestSizes(this.meter.capacity, this.meter.delay);
-    const place = new Map<number, number>();
-    let bytes = 0;
-    for (const e of this.#wanted) {
-      if (bytes > USELESS_AFTER * window) break;
-      place.set(e, bytes);
-      bytes += length[e];
-    }
-    for (const transfer of this.#running) {
-      const { entries, controller } = transfer;
-      const left = entries.filter((e) => this.#state[e] === UNDER_WAY);
-      if (entries.length === 0 || left.some((e) => place.has(e))) continue;
-      controller.abort(new DOMException("the view changed", "AbortError"));
-    }
   }
 }
