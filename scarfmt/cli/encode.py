@@ -96,8 +96,7 @@ _ENDING = ".scar"
 @click.option(
     "--preset",
     type=click.Choice(list(PRESETS)),
-    help="web: to look at, the defaults. archive: closer to the source, and larger: --quality 55. preview: small:"
-    " --quality 36. Options given beside it win.",
+    help="web: the defaults. archive: --quality 55. preview: --quality 36. Options given beside it win.",
 )
 @click.option(
     "--quality",
@@ -147,7 +146,7 @@ _ENDING = ".scar"
     type=click.IntRange(MIN_TILE_ANCHORS, MAX_ANCHORS_PER_TILE),
     metavar="N",
     help=f"Maximum anchors per tile, {MIN_TILE_ANCHORS} to {MAX_ANCHORS_PER_TILE}. Smaller tiles make regions cheaper"
-    " to decode, and the whole file larger and slower [default: 32768; 16384 in scenes of more than 262,144"
+    " to decode, and the file larger [default: 32768; 16384 in scenes of more than 262,144"
     " Gaussians].",
 )
 @click.option(

@@ -30,9 +30,8 @@ _HEAD_BYTES = 4096
 def inspect(file: str, metadata: bool, models: bool, streaming: bool, thumbnail: str | None, force: bool) -> Report:
     """Report what FILE holds: counts, layers, and bytes of each kind of data.
 
-    FILE is a path, a URL or - for stdin. The command reads only the header, at most 2.3 KB; --metadata, --models,
-    --streaming and --thumbnail read more. A truncated file is not an error here. Of scenes in other formats it
-    reports format, counts and what they say about themselves.
+    FILE is a path, a URL or - for stdin, whole or cut short. Without options only its header is read. Of scenes in
+    other formats the command reports format, counts and what they say about themselves.
 
     \b
     Examples:

@@ -36,8 +36,7 @@ def split(
     """Cut INPUT (a path or a URL) into files of whole tiles, without decoding it.
 
     With --files, the name OUTPUT is numbered: part.scar becomes part-1.scar, part-2.scar and so on. Each file covers a
-    part of space, has all models and can be decoded by itself. `scarfmt merge` joins the files again: to the bytes of
-    INPUT, if its directory has pages of the size that `scarfmt encode` writes.
+    part of space and can be decoded by itself. `scarfmt merge` joins the files again.
 
     \b
     Examples:

@@ -94,8 +94,7 @@ RUN_ENDING = ".run"
     "--size",
     type=click.IntRange(min=MIN_SIZE),
     metavar="BYTES",
-    help="Target size of the file in bytes. The weight of bytes is adjusted during training to come close to it, or"
-    " to stay below it where more bytes improve pictures too little; a smaller --lambda sends these too"
+    help="Target size of the file in bytes. The file stays below it where more bytes improve pictures too little"
     " [default: none; --lambda decides].",
 )
 @click.option(
@@ -111,8 +110,8 @@ RUN_ENDING = ".run"
     "--hold-out",
     type=click.IntRange(min=0),
     metavar="N",
-    help="Hold out every Nth photo by name: it is used to measure quality, not to train. 0: train on all photos. If the"
-    f" capture marks test cameras, those are held out instead [default: {HOLD_OUT}].",
+    help="Hold out every Nth photo by name, to measure quality. 0: train on all photos. If the capture marks test"
+    f" cameras, those are held out instead [default: {HOLD_OUT}].",
 )
 @click.option(
     "--seed",
@@ -133,8 +132,8 @@ RUN_ENDING = ".run"
     "--slice-minutes",
     type=click.FloatRange(0, MAX_MINUTES, min_open=True),
     metavar="M",
-    help="Maximum minutes of this call. Training then stops with a checkpoint and exit code 75, and the same command"
-    " continues it [default: train to the end].",
+    help="Maximum minutes of this call, which then stops with exit code 75; the same command continues"
+    " [default: train to the end].",
 )
 @click.option("--force", is_flag=True, help="Overwrite OUTPUT if it exists.")
 @click.option("--quiet", "-q", is_flag=True, help="Print nothing but errors.")
@@ -144,9 +143,8 @@ def train(capture: str, output: str, folder: str | None, force: bool, quiet: boo
     """Train the .scar file OUTPUT from the photos CAPTURE.
 
     CAPTURE is a folder: of COLMAP, with a transforms.json (Nerfstudio, Blender), with a cameras.json of this project,
-    or of photos alone. For photos alone, the command finds the poses first. Training writes a checkpoint every few
-    minutes, so that the same command continues after an interruption. Ctrl-C ends training early and writes the best
-    file so far. A second Ctrl-C aborts.
+    or of photos alone. For photos alone, the command finds the poses first. After an interruption the
+    same command continues. Ctrl-C ends training early and writes the best file so far. A second Ctrl-C aborts.
 
     \b
     Examples:

@@ -26,9 +26,9 @@ if TYPE_CHECKING:
 def validate(file: str, layers: int | None, no_limits: bool, quiet: bool) -> Report:
     """Check FILE (a path, a URL or -) against every rule of the specification.
 
-    The command decodes all tiles. It continues after a fault where it can, and lists each fault in one line: 'error:
-    ID @ OFFSET: MESSAGE'. The last line gives the number of layers, from the first, that decode in every tile. The exit
-    code is 0 if there is no error, else 1. Warnings are not errors.
+    The command decodes all tiles, and lists each fault in one line: 'error: ID @ OFFSET: MESSAGE'. The last line gives
+    the number of layers, from the first, that decode in every tile. The exit code is 0 if there is no error, else 1.
+    Warnings are not errors.
 
     \b
     Examples:

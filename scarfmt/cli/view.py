@@ -21,8 +21,8 @@ _MOST_SCENES = 2
 def view(scenes: tuple[str, ...], port: int, host: str, no_browser: bool) -> None:
     """Show FILE (a path or URL) in a browser, and refine it while bytes arrive. OTHER is shown beside it.
 
-    A server on this machine sends the page, and the bytes that the page asks for, until Ctrl-C. It contacts nothing
-    but the servers of the URLs given. Without FILE, the page waits for a file to be dropped on it.
+    A server on this machine sends the page until Ctrl-C. It contacts nothing but the servers of the URLs given.
+    Without FILE, the page waits for a file to be dropped on it.
 
     \b
     Examples:
