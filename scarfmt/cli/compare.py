@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from scarfmt.cli.failures import requires_extra, warnings_on_stderr
+from scarfmt.cli.failures import requires_extra
 from scarfmt.cli.files import check_stdout, open_input, timeout_option
 from scarfmt.cli.progress import Tell, progress
 from scarfmt.cli.report import Report, reports
@@ -114,7 +114,7 @@ def compare(
     from scarfmt.cli.scenes import scene_origin
 
     check_stdout()
-    with warnings_on_stderr(), progress() as report:
+    with progress() as report:
         first, second = scene_origin(a), scene_origin(b)
         held_out = () if photos is None else _held_out(photos, (second, first))
         request = Request(options, listed_cameras(options), ssim, photos, held_out)

@@ -118,7 +118,7 @@ class FailureGroup(click.Group):
 
     def invoke(self, ctx: click.Context) -> Any:
         try:
-            with keep_files_apart():
+            with keep_files_apart(), warnings_on_stderr():
                 return super().invoke(ctx)
         except KeyboardInterrupt:
             click.echo("scarfmt: interrupted", err=True)

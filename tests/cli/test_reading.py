@@ -33,6 +33,14 @@ def test_inspect_reads_stdin_and_urls(run: Run, explicit_scar: Path) -> None:
     assert run("inspect", explicit_scar.as_uri()).stdout == direct
 
 
+def test_inspect_warns_as_every_command_does(run: Run, tmp_path: Path) -> None:
+    """One line without the place in our code, whichever command reads the scene."""
+    (tmp_path / "four.ply").write_bytes(inria_ply(rest=72))
+    result = run("inspect", tmp_path / "four.ply")
+    assert result.exit_code == 0
+    assert [line.startswith("scarfmt: warning: ") for line in result.stderr.splitlines()] == [True]
+
+
 def test_inspect_writes_the_thumbnail(run: Run, tmp_path: Path) -> None:
     """The picture as it is in the file; a file without one is refused, and so is one that is in the way."""
     scene = random_scene(2, sh_degree=1)
