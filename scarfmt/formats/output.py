@@ -154,9 +154,9 @@ class CoarseSteps:
         self.compare(steps, gaussian_sizes(log_scales))
 
     def compare(self, steps: F64 | float, sizes: F64) -> None:
-        """Count Gaussians of which the sizes, (N,), are known."""
-        self._coarse += int(np.count_nonzero(steps > sizes))
-        self._total += len(sizes)
+        """Count Gaussians of which the sizes, (N,), are known; those of size 0 have no width to be moved by."""
+        self._coarse += int(np.count_nonzero((steps > sizes) & (sizes > 0)))
+        self._total += int(np.count_nonzero(sizes))
         self._largest = max(self._largest, float(np.max(steps, initial=0.0)))
 
     def refuse(self, title: str, advice: str) -> None:

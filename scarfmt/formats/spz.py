@@ -389,7 +389,8 @@ def _fraction_bits(farthest: float, wanted: int | None) -> int:
     while most >= 0 and np.rint(np.ldexp(farthest, most)) > _MAX_COORDINATE:
         most -= 1
     if most < (wanted or 0):
-        advice = f"at most {most} fractional bits reach it" if most >= 0 else "make the scene smaller"
+        others = "leave out Gaussians far from all others, or make the scene smaller"
+        advice = f"at most {most} fractional bits reach it" if most >= 0 else others
         message = f"a coordinate of {farthest:g} is beyond what SPZ holds in 24 bits of step 2^-{wanted or 0}; {advice}"
         raise InvalidInput("output-range", message)
     return most if wanted is None else wanted

@@ -111,6 +111,15 @@ def test_one_gaussian_far_away_is_no_reason_to_lose_the_others() -> None:
     assert apart.max() < 0.01  # the floater spoils its own chunk alone
 
 
+@pytest.mark.parametrize("format_id", ["spz", "sog", "compressed-ply"])
+def test_sizes_of_zero_are_no_measure_of_a_step(format_id: str) -> None:
+    scene = some_scene(500)
+    scene.log_scales[:400] = -np.inf
+    back, written = there_and_back(format_id, scene)
+    assert len(back) == 500
+    assert not any("more than they are wide" in note for note in written.notes)
+
+
 def test_splat_rounds_to_bytes_and_keeps_floats() -> None:
     scene = some_scene(degree=0)
     back, _ = there_and_back("splat", scene)

@@ -239,6 +239,9 @@ def test_the_refusal_of_a_step_names_one_that_reaches() -> None:
     with pytest.raises(InvalidInput, match="at most 11 fractional bits"):
         written("spz", scene, SpzOptions(4, 12))
     assert there_and_back("spz", scene, SpzOptions(4, 11)).positions[2, 1] == 2048.0
+    scene.positions[2, 1] = 1e9
+    with pytest.raises(InvalidInput, match="leave out Gaussians far from all others"):
+        written("spz", scene)
 
 
 @pytest.mark.parametrize("degree", [0, 3])
