@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from scarfmt.arrays import I64
 from scarfmt.errors import InputWarning, InvalidInput
-from scarfmt.formats.inria_ply import FLAT_LOG_SCALE
+from scarfmt.formats.quantise import FLAT_LOG_SCALE
 from scarfmt.scene.gaussians import AnchorModel, GaussianScene
 
 MAX_COEFFICIENT = 1 << 20

@@ -14,7 +14,6 @@ Properties, of any numeric type, in any order, text or binary; others (normals, 
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable
 from dataclasses import dataclass
 
@@ -24,12 +23,9 @@ from numpy.typing import NDArray
 from scarfmt.arrays import F32, F64
 from scarfmt.errors import InvalidInput
 from scarfmt.formats import ply
-from scarfmt.formats.quantise import dc_of_colour, opacities, sh_from_channel_major
+from scarfmt.formats.quantise import FLAT_LOG_SCALE, dc_of_colour, opacities, sh_from_channel_major
 from scarfmt.formats.source import Source
 from scarfmt.scene.gaussians import GaussianScene
-
-FLAT_LOG_SCALE = math.log(1e-9)
-"""Log scale given to the missing third axis of a 2D Gaussian."""
 
 _COEFFICIENTS = {0: 0, 9: 3, 24: 8, 45: 15, 72: 24}
 """Numbers of f_rest columns, and how many of them each colour has."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import math
 import shutil
 import tempfile
 from collections.abc import Iterable, Iterator
@@ -17,6 +18,7 @@ from numpy.typing import NDArray
 from scarfmt.arrays import F32, F64, Bools
 from scarfmt.container.registries import ColourSpace, CoordinateFrame, RenderModel
 from scarfmt.errors import InvalidInput
+from scarfmt.formats.quantise import FLAT_LOG_SCALE
 from scarfmt.scene.description import NOTHING_SAID, USUAL_UP, Description
 from scarfmt.scene.gaussians import GaussianScene
 
@@ -142,6 +144,10 @@ def gaussian_sizes(log_scales: F32) -> F64:
     return np.asarray(np.exp(np.sort(log_scales.astype(np.float64), axis=1)[:, 1]))
 
 
+_FLAT = 1.01 * math.exp(FLAT_LOG_SCALE)
+"""What stands for a size of 0, but for rounding."""
+
+
 class CoarseSteps:
     """Compares steps of positions with the sizes of the Gaussians that they move."""
 
@@ -155,8 +161,9 @@ class CoarseSteps:
 
     def compare(self, steps: F64 | float, sizes: F64) -> None:
         """Count Gaussians of which the sizes, (N,), are known; those of size 0 have no width to be moved by."""
-        self._coarse += int(np.count_nonzero((steps > sizes) & (sizes > 0)))
-        self._total += int(np.count_nonzero(sizes))
+        is_wide = sizes > _FLAT
+        self._coarse += int(np.count_nonzero((steps > sizes) & is_wide))
+        self._total += int(np.count_nonzero(is_wide))
         self._largest = max(self._largest, float(np.max(steps, initial=0.0)))
 
     def refuse(self, title: str, advice: str) -> None:

@@ -2,10 +2,15 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numpy.typing import NDArray
 
 from scarfmt.arrays import F32, F64, I64, U8, U32
+
+FLAT_LOG_SCALE = math.log(1e-9)
+"""Log scale of an axis without extent, such as the missing third one of a 2D Gaussian."""
 
 
 def opacities(logits: F32) -> F64:

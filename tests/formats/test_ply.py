@@ -16,7 +16,7 @@ from hypothesis.extra.numpy import arrays
 from scarfmt.container.registries import RenderModel
 from scarfmt.errors import InputWarning, InvalidInput, LimitExceeded, Unsupported
 from scarfmt.formats import load
-from scarfmt.formats.inria_ply import FLAT_LOG_SCALE
+from scarfmt.formats.quantise import FLAT_LOG_SCALE
 from scarfmt.scene.description import Description
 from scarfmt.scene.gaussians import GaussianScene
 from tests.formats.scene_files import (
