@@ -19,7 +19,7 @@ from scarfmt.formats.source import (
     open_archive,
 )
 
-_SCENES = (".ply", ".spz", ".splat", ".ksplat", ".sog", ".glb", ".gltf", ".rad", ".usdz")
+_SCENES = (".ply", ".spz", ".splat", ".ksplat", ".sog", ".glb", ".gltf", ".rad", ".usd", ".usda", ".usdc", ".usdz")
 _PARTS = (".bin", ".radc")
 """Files beside a scene that it may name: buffers of glTF, chunks of Spark's .rad."""
 _PAGE = "a web page or XML; download the file itself"

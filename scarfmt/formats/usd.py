@@ -34,14 +34,21 @@ _DEGREE = "radiance:sphericalHarmonicsDegree"
 _REFERENCE = "coordinate_reference"
 _ENDINGS = (".usd", ".usda", ".usdc", ".usdz")
 _MOST_DEGREE = 3
+_METHOD = slice(8, 10)
+"""Where the first header of a ZIP archive has the method of compression; 0 is none."""
 
 
 def sniff(source: Source) -> bool:
-    """Whether the content begins as a layer of USD does, or is a ZIP archive whose first file is one."""
-    head = source.head(9)
+    """Whether the content begins as a layer of USD does, or is a ZIP archive whose first file is one, and stored.
+
+    What is deflated is no .usdz, but a scene that somebody packed.
+    """
+    head = source.head(10)
     if head.startswith((b"PXR-USDC", b"#usda ")):
         return True
-    return is_zip(source) and PurePosixPath(next(iter(member_names(source)), "")).suffix in _ENDINGS[:3]
+    if not is_zip(source) or any(head[_METHOD]):
+        return False
+    return PurePosixPath(next(iter(member_names(source)), "")).suffix in _ENDINGS[:3]
 
 
 def load(source: Source) -> GaussianScene:

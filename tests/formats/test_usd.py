@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import zipfile
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -19,7 +20,7 @@ from scarfmt.formats.quantise import opacities
 from scarfmt.scene.description import Description
 from scarfmt.scene.gaussians import GaussianScene
 from scarfmt.scene.placement import Placement
-from tests.formats.scene_files import read_scene
+from tests.formats.scene_files import read_scene, zipped
 from tests.formats.test_descriptions import some_scene
 
 usd = pytest.importorskip("pxr.Usd", reason="usd-core is not installed")
@@ -96,6 +97,9 @@ def test_a_package_is_read(tmp_path: Path) -> None:
     assert UsdUtils.CreateNewUsdzPackage(str(path), str(tmp_path / "a.usdz"))
     assert_equal(read_scene(tmp_path / "a.usdz"), scene)
     assert_equal(read_scene((tmp_path / "a.usdz").read_bytes()), scene)
+    for name in (path.name, "a.usdz"):
+        packed = zipped({f"export/{name}": (tmp_path / name).read_bytes()}, zipfile.ZIP_DEFLATED)
+        assert_equal(read_scene(packed), scene)
 
 
 def test_transforms_of_parents_place_the_gaussians(tmp_path: Path) -> None:

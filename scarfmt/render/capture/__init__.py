@@ -51,7 +51,7 @@ def load_cameras(path: str | PathLike[str]) -> list[Camera]:
     Args:
         path: a JSON file of this project, INRIA's `cameras.json`, Nerfstudio's or Blender's `transforms.json`; or a
             folder with one of these, with Blender's `transforms_train.json` and `transforms_test.json`, or with a
-            sparse model of COLMAP, also in its `sparse` or `sparse/0`.
+            sparse model of COLMAP, also in its `sparse`, `sparse/0` or `colmap/sparse/0`.
 
     Returns:
         At least one camera, in the order of the file (COLMAP: of the photos' names); marked train and test where the
