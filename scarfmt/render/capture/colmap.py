@@ -20,7 +20,7 @@ import numpy as np
 from scarfmt.arrays import F64
 from scarfmt.errors import InputWarning, InvalidInput, plural
 from scarfmt.render.camera import Camera
-from scarfmt.render.capture.record import EXPORT_AGAIN, MAX_CAMERAS, Distorted, Record, wrong
+from scarfmt.render.capture.record import EXPORT_AGAIN, MAX_CAMERAS, Distorted, Record, how_to_draw, wrong
 from scarfmt.scene.rotation import matrix_from_quaternion
 
 FOLDERS = (".", "sparse", "sparse/0", "0", "colmap/sparse/0")
@@ -98,8 +98,8 @@ class Lens:
             InvalidInput: ``input-cameras``: a fisheye lens, or a value out of range.
         """
         if self.model.focal_lengths == 0:
-            message = f"lenses of model {self.model.name} cannot be drawn"
-            raise self.record.fault("model", f"{message}; run 'colmap image_undistorter', and give its folder")
+            advice = "run 'colmap image_undistorter', and give its folder"
+            raise self.record.fault("model", how_to_draw(self.model.name, advice))
         names = [*(("f",) if self.model.focal_lengths == 1 else ("fx", "fy")), "cx", "cy"]
         values = {"width": self.size[0], "height": self.size[1], **dict(zip(names, self.parameters, strict=False))}
         named = Record(self.record.file, self.record.place, values)

@@ -1,4 +1,4 @@
-"""Points of a photo capture: what structure from motion found, as PLY or as COLMAP's `points3D`, binary or text.
+"""Points of a photo capture: what structure from motion found, as PLY or as COLMAP's `points3D`, binary, text or PLY.
 
 Points are (P, 3) float64, world units, finite. Their colours are not read: training from them gains nothing (0061).
 """
@@ -42,7 +42,7 @@ def colmap_points(folder: Path) -> F64 | None:
         InvalidInput: ``input-cameras``.
         OSError: the file cannot be read.
     """
-    for name, read in (("points3D.bin", _binary), ("points3D.txt", _text)):
+    for name, read in (("points3D.bin", _binary), ("points3D.txt", _text), ("points3D.ply", ply_points)):
         if (folder / name).is_file():
             return read(folder / name)
     return None

@@ -5,7 +5,7 @@ Two lists of cameras in JSON need no more than that: this project's, and INRIA's
 This project's is ``{"images": [{name, W, H, fx, fy, cx, cy, world_to_camera, split}]}`` with OpenCV axes; `name` and
 `split` are optional. INRIA's trainer writes, beside a scene, ``[{id, img_name, width, height, position, rotation, fx,
 fy}]``: where the eye is, and the rows of the rotation from camera to world. It names no principal point, which is the
-middle, and does not tell test from training cameras.
+middle unless another program has added `cx` and `cy`, and does not tell test from training cameras.
 """
 
 from __future__ import annotations
@@ -51,6 +51,8 @@ _FAR = 1e12
 """World units or pixels: beyond, squares of such numbers leave binary32."""
 _ROTATION_TOLERANCE = 1e-3
 """Tolerance of any element of R R^T. Files hold six digits or more."""
+_ROW_TOLERANCE = 1e-5
+"""Of a last row that was computed in binary32."""
 EXPORT_AGAIN = "export the cameras again"
 
 
@@ -159,8 +161,9 @@ class Record:
         rows = 3 if isinstance(value, list) and len(value) == 3 else 4
         matrix = np.eye(4)
         matrix[:rows] = self.numbers(key, rows, 4)
-        if not np.array_equal(matrix[3], (0, 0, 0, 1)):
+        if not np.allclose(matrix[3], (0, 0, 0, 1), rtol=0, atol=_ROW_TOLERANCE):
             raise self.fault(key, f"the last row of {key} has to be 0 0 0 1; is the matrix transposed?")
+        matrix[3] = 0, 0, 0, 1
         return matrix
 
     def camera(
@@ -200,6 +203,12 @@ class Record:
             raise self.fault(key, f"{key} scales or shears: a camera's has to be a rotation; {EXPORT_AGAIN}")
         if np.linalg.det(rotation) < 0:
             raise self.fault(key, f"{key} mirrors: one axis of the camera points the wrong way; {EXPORT_AGAIN}")
+
+
+def how_to_draw(model: str, otherwise: str) -> str:
+    """Why a lens of COLMAP's models cannot be drawn, and what to give: `otherwise`, but for panoramas."""
+    advice = "cut the panoramas into pinhole views, and give these" if model == "EQUIRECTANGULAR" else otherwise
+    return f"lenses of model {model} cannot be drawn; {advice}"
 
 
 def inverted(pose: F64) -> F64:
@@ -246,6 +255,6 @@ def inria_camera(record: Record) -> Camera:
     camera_to_world = np.eye(4)
     camera_to_world[:3, :3] = record.numbers("rotation", 3, 3)
     camera_to_world[:3, 3] = record.numbers("position", 3)
-    centre = width / 2, height / 2
+    centre = record.number("cx", width / 2), record.number("cy", height / 2)
     pose = inverted(camera_to_world)
     return record.camera("rotation", pose, (width, height), focal, centre, record.text("img_name"))

@@ -25,7 +25,7 @@ import numpy as np
 from scarfmt.arrays import F64
 from scarfmt.errors import InputWarning, InvalidInput
 from scarfmt.render.camera import Camera
-from scarfmt.render.capture.record import EXPORT_AGAIN, Distorted, Record, focal_of_angle, inverted
+from scarfmt.render.capture.record import EXPORT_AGAIN, Distorted, Record, focal_of_angle, how_to_draw, inverted
 
 DATAPARSER = "dataparser_transforms.json"
 PINHOLE_MODELS = ("", "PINHOLE", "SIMPLE_PINHOLE", "OPENCV", "SIMPLE_RADIAL", "RADIAL", "FULL_OPENCV")
@@ -140,8 +140,8 @@ def _distorts(record: Record) -> bool:
 
 
 def _not_drawn(record: Record) -> InvalidInput:
-    message = f"lenses of model {_lens_model(record)[:40]} cannot be drawn"
-    return record.fault("camera_model", f"{message}; undistort the photos, and give the resulting cameras")
+    advice = "undistort the photos, and give the resulting cameras"
+    return record.fault("camera_model", how_to_draw(_lens_model(record)[:40], advice))
 
 
 def _distorted(record: Record, camera: Camera) -> Distorted:

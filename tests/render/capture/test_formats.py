@@ -235,6 +235,20 @@ def test_null_is_as_absent_and_axes_of_others_are_refused(tmp_path: Path) -> Non
         load_cameras(files.in_json(content | {"from_mitsuba": True}, tmp_path / "transforms.json"))
 
 
+def test_a_principal_point_of_inrias_list_counts(tmp_path: Path) -> None:
+    content = files.inria(SEVERAL[:1])
+    content[0] |= {"cx": 1.5, "cy": 2.5}
+    (camera,) = load_cameras(files.in_json(content, tmp_path / "cameras.json"))
+    assert (camera.cx, camera.cy) == (1.5, 2.5)
+
+
+def test_a_last_row_may_be_rounded(tmp_path: Path) -> None:
+    content = files.transforms(SEVERAL[:1])
+    exact = load_cameras(files.in_json(content, tmp_path / "exact.json"))
+    content["frames"][0]["transform_matrix"][3] = [1e-7, 0, -1e-7, 0.9999999]
+    assert_alike(load_cameras(files.in_json(content, tmp_path / "rounded.json")), exact)
+
+
 def test_nerfstudios_own_frame_is_gone_to_where_its_file_is_there(tmp_path: Path) -> None:
     """The trainer's transform maps the world before `applied_transform`; positions are scaled after it."""
     original = files.camera(5)

@@ -27,6 +27,15 @@ def test_colmaps_two_forms_hold_the_same(tmp_path: Path) -> None:
         np.testing.assert_array_equal(found, POSITIONS)
 
 
+def test_points_beside_a_model_may_be_a_ply(tmp_path: Path) -> None:
+    """INRIA's trainer leaves them, and people delete what it was made of."""
+    head = "ply\nformat ascii 1.0\nelement vertex 1\nproperty float x\nproperty float y\nproperty float z\nend_header\n"
+    (tmp_path / "points3D.ply").write_text(head + "1 2 3\n")
+    found = colmap_points(tmp_path)
+    assert found is not None
+    assert found.tolist() == [[1, 2, 3]]
+
+
 def test_a_binary_file_cut_anywhere_is_refused(tmp_path: Path) -> None:
     whole = files.colmap_points_binary(POSITIONS, COLOURS)
     for length in range(0, len(whole), 7):

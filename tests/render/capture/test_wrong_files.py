@@ -150,7 +150,7 @@ def test_the_sentence_says_what_and_where(tmp_path: Path, change: dict[str, Any]
     [
         ({"camera_model": "OPENCV_FISHEYE"}, "OPENCV_FISHEYE cannot be drawn; undistort"),
         ({"is_fisheye": True}, "FISHEYE cannot be drawn"),
-        ({"camera_model": "EQUIRECTANGULAR"}, "cannot be drawn"),
+        ({"camera_model": "EQUIRECTANGULAR"}, "cut the panoramas"),
         ({"test_filenames": [1]}, "test_filenames has to be a list"),
     ],
 )
