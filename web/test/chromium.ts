@@ -24,7 +24,8 @@ export const browsing = browsingWith([]);
 /** The same with WebGPU; a page of it may have no adapter. */
 export const browsingWebgpu = browsingWith(WEBGPU);
 
-function browsingWith(flags: string[]): Browsing {
+/** @param flags more of Chromium */
+export function browsingWith(flags: string[]): Browsing {
   return async (run, size) => {
     const browser = await launch(flags);
     try {

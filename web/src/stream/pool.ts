@@ -62,10 +62,6 @@ export class Pool {
     });
   }
 
-  get lanes(): number {
-    return this.#lanes.length;
-  }
-
   /** Bytes that all decoders hold, as of their last replies. */
   get memory(): number {
     return this.#lanes.reduce((sum, { memory }) => sum + memory, 0);

@@ -24,7 +24,7 @@ export interface StreamOptions extends Partial<HttpOptions>, Partial<FrontSizes>
   output?: Output;
   /** The first view; `setView` from the handler of "front" does the same. */
   camera?: Camera;
-  /** 512 MiB and any number of Gaussians unless given. */
+  /** An eighth of the memory of the device, at most 512 MiB, and any number of Gaussians unless given. */
   budgets?: Partial<Budgets>;
   /** Decoders side by side: one fewer than there are cores, at most 4, unless given. 0: on the calling thread. */
   workers?: number;
@@ -105,7 +105,9 @@ export interface StreamEvents {
 const MIB = 1 << 20;
 /** Milliseconds without a byte after which a request is given up, unless given. */
 const STALL_MS = 10_000;
-const BUDGETS: Budgets = { splats: Infinity, bytes: 512 * MIB };
+/** Of the memory of a device; browsers that tell it say 8 GB at most. */
+const SHARE = 1 / 8;
+const MOST_BYTES = 512 * MIB;
 const REPLAN_MS = 100;
 /** Of large scenes plans take long: they are made after so many times as long. */
 const PAUSE = 4;
@@ -141,7 +143,7 @@ export class ScarStream {
   /** Begins at once; handlers that are added in the same turn miss nothing. Throws StreamError for no source. */
   constructor(source: SourceLike, options: StreamOptions = {}) {
     this.#options = options;
-    this.#budgets = { ...BUDGETS, ...options.budgets };
+    this.#budgets = { splats: Infinity, bytes: defaultBytes(), ...options.budgets };
     this.#camera = options.camera ?? null;
     this.#marks = { frontAt: null, firstTileAt: null, layerAt: [] };
     this.#source = makeSource(source, { ...options, stallMs: options.stallMs ?? STALL_MS });
@@ -357,6 +359,12 @@ function makeSource(source: SourceLike, options: HttpOptions): ByteSource {
   if (typeof source === "string" || source instanceof URL) return new HttpSource(String(source), options);
   if (typeof Blob !== "undefined" && source instanceof Blob) return new BlobSource(source);
   throw new StreamError("bad-source", "a source is a URL, a File or a Blob");
+}
+
+/** Safari and Firefox do not tell the memory of a device. */
+function defaultBytes(): number {
+  const { deviceMemory = Infinity } = (globalThis.navigator ?? {}) as { deviceMemory?: number };
+  return Math.min(SHARE * 1024 * MIB * deviceMemory, MOST_BYTES);
 }
 
 function defaultWorkers(): number {

@@ -83,10 +83,6 @@ export class Transfers {
     return sum;
   }
 
-  get stopped(): boolean {
-    return this.#stopped;
-  }
-
   /** Whether a block came, whole or damaged for good. */
   hasArrived(entry: number): boolean {
     return this.#state[entry] >= ARRIVED;
