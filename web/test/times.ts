@@ -11,6 +11,9 @@
 
 import { browsingWith } from "./chromium.js";
 
+/** What has not come by then is not in the answer. */
+const PATIENCE_MS = 180_000;
+
 /** In the page: notes when something is first seen. */
 function watchPage(): void {
   const seen: Record<string, number> = {};
@@ -71,7 +74,8 @@ await browsingWith(heap === undefined ? [] : [`--js-flags=--max-old-space-size=$
     await page.goto(url, { waitUntil: "domcontentloaded" });
     const end = slower === undefined ? "seen.layer" : "seen.all";
     let most = 0;
-    for (let ended = false; !ended; await new Promise((resolve) => setTimeout(resolve, 200))) {
+    const giveUp = Date.now() + PATIENCE_MS;
+    for (let ended = false; !ended && Date.now() < giveUp; await new Promise((resolve) => setTimeout(resolve, 200))) {
       ended = (await page.evaluate(`${end} !== undefined`)) as boolean;
       most = Math.max(most, (await page.metrics()).JSHeapUsedSize ?? 0);
     }

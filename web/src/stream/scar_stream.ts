@@ -232,6 +232,8 @@ export class ScarStream {
       // Decoders load while the first bytes come.
       this.#pool = this.#makePool();
       const opened = await this.#openRetrying();
+      // The page has its turn: to read a front and to plan for it takes too long for one task.
+      await new Promise((resolve) => setTimeout(resolve));
       signal.throwIfAborted();
       if (this.#broken !== null) throw this.#broken;
       return this.#begin(opened, this.#pool);
