@@ -15,7 +15,8 @@ describe("a scene by loaders.gl", () => {
   it("is known by its first bytes and by its name", async () => {
     const other = { ...ScarLoader, id: "other", extensions: ["other"], tests: ["other"], mimeTypes: [] };
     const plain = { core: { ignoreRegisteredLoaders: true } };
-    assert.equal((await selectLoader(bytes.slice().buffer, [other, ScarLoader], plain))?.id, "scar");
+    const view = Buffer.concat([Buffer.alloc(7), bytes]).subarray(7);
+    for (const data of [bytes.slice().buffer, view]) assert.equal((await selectLoader(data, [other, ScarLoader], plain))?.id, "scar");
     assert.equal((await selectLoader("https://a.b/toys.scar", [other, ScarLoader], plain))?.id, "scar");
   });
 

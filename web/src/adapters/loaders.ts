@@ -43,7 +43,8 @@ export const ScarLoader = {
   category: "mesh",
   extensions: ["scar"],
   mimeTypes: ["application/x.scar"],
-  tests: [Uint8Array.from(SIGNATURE).buffer],
+  // As text: loaders.gl compares bytes with the buffer that a view is of, from its start.
+  tests: [String.fromCharCode(...SIGNATURE)],
   binary: true,
   // Decoders have workers of their own.
   worker: false,

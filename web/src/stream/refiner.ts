@@ -62,7 +62,6 @@ export class Refiner {
   readonly tiles: Tiles;
   readonly transfers: Transfers;
   readonly memory: MemoryModel;
-  evictions = 0;
   readonly #views: Views;
   readonly #models: Map<number, Uint8Array> = new Map();
   readonly #ready: Queue;
@@ -364,7 +363,6 @@ export class Refiner {
     this.tiles.setDecoded(tile, 0);
     this.#ledger.charge(tile, 0, 0);
     this.#ready.delete(tile);
-    this.evictions++;
     if (layer > 0) this.parts.events.onEvict(tile, layer);
     if (this.tiles.goal[tile] > 0) this.#replanSoon();
   }

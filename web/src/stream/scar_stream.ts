@@ -72,7 +72,6 @@ export interface Stats extends Progress {
   splatsShown: number;
   /** Bytes: delivered and shown, decoders, data under way. */
   memory: number;
-  evictions: number;
   /** Milliseconds that decoders were busy, all together. */
   decodeMs: number;
   /** Milliseconds since the stream was made: front, first tile; null before. */
@@ -207,7 +206,6 @@ export class ScarStream {
       tilesShown: this.#tilesAtLayer[0] ?? 0,
       splatsShown: refiner?.tiles.shownSplats ?? 0,
       memory: refiner?.used ?? 0,
-      evictions: refiner?.evictions ?? 0,
       decodeMs: this.#decodeMs,
       ...this.#marks,
       layerAt: [...this.#marks.layerAt],
