@@ -77,15 +77,15 @@ def _combine(reports: list[dict[str, Any]]) -> dict[str, Any]:
     return {**rest, **times, "peak_bytes": peak}
 
 
-def time_calls(act: Callable[[], object], runs: int = DECODE_RUNS, seconds: float = DECODE_SECONDS) -> dict[str, Any]:
-    """Call `act` at most `runs` times, beginning no call after `seconds`.
+def time_calls(act: Callable[[], object], runs: int = DECODE_RUNS) -> dict[str, Any]:
+    """Call `act` at most `runs` times, beginning no call after `DECODE_SECONDS`.
 
     Returns:
         ``walls`` and ``cpus``, each call's wall and processor seconds; ``seconds``, the least wall.
     """
     walls: list[float] = []
     cpus: list[float] = []
-    while not walls or (len(walls) < runs and sum(walls) < seconds):
+    while not walls or (len(walls) < runs and sum(walls) < DECODE_SECONDS):
         wall, processor = time.perf_counter(), time.process_time()
         act()
         walls.append(time.perf_counter() - wall)

@@ -47,10 +47,10 @@ def new_plot(x: str, y: str, *, log_x: bool = False, log_y: bool = False, title:
     return figure, axes
 
 
-def line(axes: Any, xs: Sequence[float], ys: Sequence[float], label: str, number: int, dashed: bool = False) -> None:
+def line(axes: Any, xs: Sequence[float], ys: Sequence[float], label: str, number: int) -> None:
     """A line with its points, in the colour and with the marker of a `number`."""
     colour, marker = COLOURS[number % len(COLOURS)], MARKERS[number % len(MARKERS)]
-    axes.plot(xs, ys, color=colour, marker=marker, linestyle="--" if dashed else "-", label=label)
+    axes.plot(xs, ys, color=colour, marker=marker, label=label)
 
 
 def save_plot(figure: Any, name: str, keep: bool = True) -> Path:

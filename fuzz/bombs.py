@@ -46,16 +46,16 @@ def channels(*wanted: tuple[Stream, int]) -> tuple[Channel, ...]:
     return tuple(Channel(stream, (0.5,) * n) for stream, n in wanted)
 
 
-def zero_tables(model: SceneModel, contexts: int = 5, largest: int = 17) -> dict[TableKey, SymbolTable]:
+def zero_tables(model: SceneModel) -> dict[TableKey, SymbolTable]:
     """Tables of the one symbol 0 for everything that can be coded."""
-    keys = [TableKey(Stream.POSITIONS, 0, 0, n) for n in range(2, largest + 1)]
+    keys = [TableKey(Stream.POSITIONS, 0, 0, n) for n in range(2, 18)]
     keys += [TableKey(Stream.MASKS, 0, 0, n) for n in range(33)]
     for index, channel in enumerate(model.channels):
         steps = max(row.steps[kind][index] for row in model.layers for kind in range(row.class_count))
         keys += [
             TableKey(channel.stream, component, step, context)
             for component, step in itertools.product(range(channel.components), range(1, steps + 1))
-            for context in range(contexts)
+            for context in range(5)
         ]
     stages = model.max_stages
     keys += [TableKey(Stream.INDICES, stage, 0, c) for stage in range(1, stages + 1) for c in (0, 1, 16, 17)]

@@ -257,9 +257,9 @@ def header_with(**numbers: Any) -> Changes:
     return {f"header.{name}": number for name, number in numbers.items()}
 
 
-def block_with(kind: int, payload: bytes, layer: int = 1) -> Change:
-    """A change of the payload of the first block of `kind` in a layer."""
-    return block_changed(kind, lambda _: payload, layer)
+def block_with(kind: int, payload: bytes) -> Change:
+    """A change of the payload of the first block of `kind` in layer 1."""
+    return block_changed(kind, lambda _: payload)
 
 
 def block_changed(kind: int, change: Callable[[bytes], bytes], layer: int = 1) -> Change:

@@ -159,14 +159,14 @@ def _layer_fields(layer: Linear) -> dict[str, Any]:
     return {**shape, "weights": layer.weights, "scales": layer.scales, "biases": layer.biases}
 
 
-def unpack_networks(payload: bytes, limit: int = MAX_MLP_BYTES) -> tuple[QuantisedMlp, ...]:
+def unpack_networks(payload: bytes) -> tuple[QuantisedMlp, ...]:
     """The networks of a DECODER_MLP or SCENE_MLP block.
 
     Raises:
         Malformed: ``bad-mlp`` for networks that break SPEC §7.9; ``bad-zstd``.
         LimitExceeded: ``content-limit``, ``count-limit``.
     """
-    networks = read(NETWORKS, decompress(payload, limit, "mlp"), "mlp")["networks"]
+    networks = read(NETWORKS, decompress(payload, MAX_MLP_BYTES, "mlp"), "mlp")["networks"]
     return tuple(QuantisedMlp(tuple(_linear(layer) for layer in network["layers"])) for network in networks)
 
 

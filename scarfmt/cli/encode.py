@@ -24,7 +24,7 @@ from reference_encoder.options import (
 from scarfmt.cli.failures import FAILED, described, warnings_on_stderr
 from scarfmt.cli.files import STANDARD, check_output, open_input, open_output
 from scarfmt.cli.inputs import FORMAT_IDS, read_scene, render_model_option
-from scarfmt.cli.out_of_core import OutOfCore, Reading, advise, out_of_core_options
+from scarfmt.cli.out_of_core import OutOfCore, advise, out_of_core_options
 from scarfmt.cli.progress import progress
 from scarfmt.cli.report import Report, reports
 from scarfmt.cli.views import CAMERAS_HELP, FRAME_HELP
@@ -190,7 +190,7 @@ def encode(
       scarfmt encode city.ply city.scar --work city.work --workers 4
       scarfmt encode city/lod-meta.json city.scar --work city.work --workers 4 --resume
     """
-    reading = Reading(*(fields.pop(name) for name in ("format_id", "sh_degree", "drop_invalid", "render_model")))
+    reading = {name: fields.pop(name) for name in ("format_id", "sh_degree", "drop_invalid", "render_model")}
     ranges = OutOfCore.of(fields)
     if fields["quality"] is not None and fields["worst"] is not None:
         raise click.UsageError("--quality and --worst exclude each other")
@@ -227,7 +227,7 @@ def _options(preset: dict[str, Any], fields: dict[str, Any]) -> EncodeOptions:
 
 def _encode(
     options: EncodeOptions,
-    reading: Reading,
+    reading: dict[str, Any],
     ranges: OutOfCore | None,
     force: bool,
     quiet: bool,
@@ -246,7 +246,7 @@ def _encode(
     else:
         with open_output(output, force) as target, progress(quiet, STEPS) as tell:
             tell("read", 0.0)
-            scene = read_scene(name, **vars(reading))
+            scene = read_scene(name, **reading)
             advise(len(scene))
             from reference_encoder.encode import encode as encode_scene
 

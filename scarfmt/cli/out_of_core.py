@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -62,23 +62,6 @@ def advise(count: int) -> None:
 
 
 @dataclass(frozen=True)
-class Reading:
-    """How a source is read.
-
-    Attributes:
-        format_id: id of the format; None to detect it from the content.
-        sh_degree: spherical harmonics above this degree are dropped; None keeps all.
-        drop_invalid: whether Gaussians that cannot be encoded are left out.
-        render_model: a key of `RENDER_MODELS`; None for what the file says.
-    """
-
-    format_id: str | None
-    sh_degree: int | None
-    drop_invalid: bool
-    render_model: str | None
-
-
-@dataclass(frozen=True)
 class OutOfCore:
     """The options of out-of-core encoding: the directory, and who works.
 
@@ -113,9 +96,13 @@ class OutOfCore:
         return cls(work, workers or 1, cluster, resume, range_size or DEFAULT_RANGE)
 
     def encode(
-        self, name: str, output: str, reading: Reading, options: EncodeOptions, force: bool, quiet: bool
+        self, name: str, output: str, reading: Mapping[str, Any], options: EncodeOptions, force: bool, quiet: bool
     ) -> Done:
         """Write the file; returns its size and the quality of its pictures.
+
+        Args:
+            name, output, options, force, quiet: as given to the command.
+            reading: how the source is read, as :func:`scarfmt.cli.inputs.read_scene` takes it.
 
         Raises:
             InvalidInput: the input, the options or the directory are refused.
@@ -128,10 +115,8 @@ class OutOfCore:
         from reference_encoder.out_of_core.workers import open_workers
 
         job = Job(
-            name, WorkDir(self.work), options, __version__, self.range_size,
-            sh_degree=reading.sh_degree, drop_invalid=reading.drop_invalid, format_id=reading.format_id,
-            render_model=None if reading.render_model is None else RENDER_MODELS[reading.render_model],
-            resume=self.resume,
+            name, WorkDir(self.work), options, __version__, self.range_size, resume=self.resume,
+            **{**reading, "render_model": RENDER_MODELS.get(reading["render_model"])},
         )  # fmt: skip
         with (
             _output(output, force) as target,

@@ -82,24 +82,19 @@ class SceneReader:
         entries = [self.container.find(kind, layer) for layer in range(1, layers + 1) for kind in kinds]
         return dict(self.container.read_blocks(entry for entry in entries if entry is not None))
 
-    def models(self, layers: int | None = None, tiles: Sequence[int] | None = None) -> SceneModels:
-        """All model blocks of the first `layers` layers (None: all).
+    def models(self, layers: int | None = None) -> SceneModels:
+        """All model blocks of the first `layers` layers (None: all), to decode any tiles with.
 
         What the directory says of the tiles in those layers is read before, in few requests.
-
-        Args:
-            layers: to decode.
-            tiles: that will be decoded with them, whose work is bounded; None for all.
 
         Raises:
             Malformed: the directory is refused; a block is missing or breaks its rules.
             LimitExceeded: ``limit-work``, ``limit-expansion`` beside the limits of the directory and of blocks.
-            InvalidInput: ``input-layers``, ``input-tiles``.
+            InvalidInput: ``input-layers``.
         """
         count = self.layer_number(layers)
-        chosen = self.check_tiles(tiles)
-        self.container.load(count, tiles)
-        return self.models_of(count, self.model_payloads(count), chosen)
+        self.container.load(count)
+        return self.models_of(count, self.model_payloads(count), range(self.header.tile_count))
 
     def models_of(self, layers: int, payloads: dict[Entry, bytes], tiles: Sequence[int]) -> SceneModels:
         """The models in the `payloads` of the first `layers` layers, to decode some tiles with; refuses as
@@ -194,7 +189,6 @@ class SceneReader:
                 continue
             observer = observe(tile, layer) if observe is not None else None
             parts = self._substreams(entry, payload, model, streams) if entry else {}
-            readers = _Readers(parts, tables, observer)
             decode = partial(
                 get_layer,
                 model,
@@ -202,7 +196,7 @@ class SceneReader:
                 frame,
                 content.head(known),
                 new,
-                readers.open,
+                partial(_open_stream, parts, tables, observer),
                 streams,
                 sizes,
                 beside,
@@ -280,16 +274,9 @@ def _checked(entry: Entry, kind: Stream, part: Substream, data: bytes) -> bytes:
     return placed(entry, lambda: check_substream(kind, part, data))
 
 
-class _Readers:
-    """The readers of one layer of one tile."""
-
-    def __init__(
-        self, parts: dict[Stream, bytes], tables: dict[TableKey, SymbolTable], observer: LayerObserver | None
-    ) -> None:
-        self._parts, self._tables, self._observer = parts, tables, observer
-
-    def open(self, stream: Stream) -> SymbolReader:
-        data = self._parts.get(stream, b"")
-        if self._observer is None:
-            return SymbolReader(data, self._tables)
-        return ObservedReader(data, self._tables, stream, self._observer)
+def _open_stream(
+    parts: dict[Stream, bytes], tables: dict[TableKey, SymbolTable], observer: LayerObserver | None, stream: Stream
+) -> SymbolReader:
+    """The reader of a sub-stream of one layer of one tile."""
+    data = parts.get(stream, b"")
+    return SymbolReader(data, tables) if observer is None else ObservedReader(data, tables, stream, observer)

@@ -32,13 +32,8 @@ class What(IntEnum):
     VALUES = 6
 
 
-class _Number(IntEnum):
-    """Numbers of the models, as ``scar.h`` names them."""
-
-    CHANNELS = 0
-    STREAM = 1
-    COMPONENTS = 2
-    STAGES = 4
+_CHANNELS, _STREAM, _COMPONENTS, _STAGES = 0, 1, 2, 4
+"""Numbers of the models, as ``scar.h`` names them."""
 
 
 class NativeFile:
@@ -81,16 +76,16 @@ class NativeFile:
     @cached_property
     def channels(self) -> list[tuple[Stream, int]]:
         """Stream and components of each channel."""
-        of = range(self._number(_Number.CHANNELS))
-        return [(Stream(self._number(_Number.STREAM, c)), self._number(_Number.COMPONENTS, c)) for c in of]
+        of = range(self._number(_CHANNELS))
+        return [(Stream(self._number(_STREAM, c)), self._number(_COMPONENTS, c)) for c in of]
 
     @cached_property
     def stages(self) -> int:
         """Columns of indices."""
-        return self._number(_Number.STAGES)
+        return self._number(_STAGES)
 
-    def _number(self, what: _Number, which: int = 0) -> int:
-        return int(self._scar.calls.scar_model_number(self._scar.at, int(what), which))
+    def _number(self, what: int, which: int = 0) -> int:
+        return int(self._scar.calls.scar_model_number(self._scar.at, what, which))
 
     def tile(
         self, place: Tile, blocks: Sequence[tuple[int, bytes | None]], streams: frozenset[Stream]

@@ -33,7 +33,7 @@ from scarfmt.container.schema import (
 from scarfmt.container.source import ByteSource, BytesSource
 from scarfmt.container.substreams import RECORD_SIZE, check_substream, unpack_table
 from scarfmt.errors import ScarError
-from scarfmt.limits import DEFAULT_LIMITS, Limits
+from scarfmt.limits import DEFAULT_LIMITS
 from scarfmt.tools.directory_fields import ROOT, ROW_PAGE, TILE_PAGE
 from scarfmt.tools.fields import SHOWN_ITEMS, FieldRows, Row, moved, rest, shown
 
@@ -57,7 +57,6 @@ class Dump:
         source: the file, whole, cut or damaged.
         full: every item and number, however many.
         kinds: only blocks of these kinds, and no header; None for everything.
-        limits: what to unfold of compressed blocks.
 
     Attributes:
         refusals: what was refused on the way; complete when :meth:`rows` is at its end.
@@ -69,10 +68,9 @@ class Dump:
         *,
         full: bool = False,
         kinds: Collection[int] | None = None,
-        limits: Limits = DEFAULT_LIMITS,
     ) -> None:
         self.refusals: list[ScarError] = []
-        self._source, self._full, self._kinds, self._limits = source, full, kinds, limits
+        self._source, self._full, self._kinds = source, full, kinds
         self._opening = NOTHING_OPENED
 
     def rows(self) -> Iterator[Row]:
@@ -101,14 +99,14 @@ class Dump:
         """The file, as far as its header can be used."""
         source = self._source
         try:
-            read_header(source, limits=self._limits)
+            read_header(source)
         except ScarError as error:
             self.refusals.append(error)
             if error.refusal == "trailing-bytes" and error.offset is not None:
                 source = BytesSource(source.read(0, error.offset))
             elif error.refusal != "truncated-file":
                 return None
-        return Container.open(source, limits=self._limits, allow_truncated=True)
+        return Container.open(source, allow_truncated=True)
 
     def _loads(self, container: Container) -> bool:
         try:
@@ -159,7 +157,7 @@ class Dump:
         return moved(trace.rows, offset)
 
     def _blocks(self, container: Container) -> Iterator[Row]:
-        contents = Contents(container.header.file_length, self._limits)
+        contents = Contents(container.header.file_length, DEFAULT_LIMITS)
         seen: dict[int, int] = {}
         held: list[Row] = []
         for entry in container.entries:

@@ -19,14 +19,14 @@ from scarfmt.container.file import Block, Container, HeaderFields, directory_row
 from scarfmt.container.schema import ENTRY_DTYPE, BlockKind, Stream
 from scarfmt.container.source import ByteSource
 from scarfmt.errors import InvalidInput
-from scarfmt.limits import DEFAULT_LIMITS, MAX_TILE_DEPTH, Limits
+from scarfmt.limits import MAX_TILE_DEPTH
 from scarfmt.tools.assemble import Plan, entry_of, ordered, pieces
 
 _BOXES = ("low", "high", "reach")
 _SUMMARY = ("kind", "flags", "layer", "length", "count", "crc32")
 
 
-def merge_to(sources: Sequence[ByteSource], target: BinaryIO, *, limits: Limits = DEFAULT_LIMITS) -> int:
+def merge_to(sources: Sequence[ByteSource], target: BinaryIO) -> int:
     """Write the file of all tiles of some files, in pieces of at most 1 MiB.
 
     Blocks are verified while they are copied, so `target` holds an unfinished file when an error is raised. What
@@ -35,7 +35,6 @@ def merge_to(sources: Sequence[ByteSource], target: BinaryIO, *, limits: Limits 
     Args:
         sources: the files, in any order; one at least.
         target: opened for writing in binary mode.
-        limits: what this reader accepts.
 
     Returns:
         Bytes written.
@@ -44,7 +43,7 @@ def merge_to(sources: Sequence[ByteSource], target: BinaryIO, *, limits: Limits 
         InvalidInput: ``input-fields-differ``, ``input-models-differ``, ``input-overlap``.
         Malformed, Truncated, Unsupported, LimitExceeded: what :class:`~scarfmt.container.file.Container` refuses.
     """
-    files = [Container.open(source, limits=limits) for source in sources]
+    files = [Container.open(source) for source in sources]
     return merged(files).write(files, target)
 
 

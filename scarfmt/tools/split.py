@@ -20,7 +20,6 @@ from scarfmt.container.schema import ENTRY_DTYPE, STREAM_COUNT, BlockKind, Profi
 from scarfmt.container.source import ByteSource
 from scarfmt.container.substreams import MAX_TABLE_SIZE, unpack_table
 from scarfmt.errors import InvalidInput, plural
-from scarfmt.limits import DEFAULT_LIMITS, Limits
 from scarfmt.tools.assemble import Plan, entry_of, ordered
 from scarfmt.tools.merge import model_bytes, streaming_block
 
@@ -48,9 +47,7 @@ def even_parts(container: Container, parts: int) -> list[I64]:
     return list(np.split(np.arange(count), ends))
 
 
-def split_to(
-    source: ByteSource, parts: Sequence[I64], targets: Sequence[BinaryIO], *, limits: Limits = DEFAULT_LIMITS
-) -> list[int]:
+def split_to(source: ByteSource, parts: Sequence[I64], targets: Sequence[BinaryIO]) -> list[int]:
     """Write a file for each of some sets of tiles, in pieces of at most 1 MiB.
 
     Blocks are verified while they are copied, so targets hold unfinished files when an error is raised. The Gaussians
@@ -60,7 +57,6 @@ def split_to(
         source: the file.
         parts: (n,) tiles of each, ascending; no tile is in two, and each has one at least.
         targets: as many, opened for writing in binary mode.
-        limits: what this reader accepts.
 
     Returns:
         Bytes written to each.
@@ -68,7 +64,7 @@ def split_to(
     Raises:
         Malformed, Truncated, Unsupported, LimitExceeded: what a decoder of these tiles refuses.
     """
-    reader = SceneReader(source, limits=limits)
+    reader = SceneReader(source)
     container = reader.container
     kept = container.directory[container.directory["kind"] == BlockKind.TILE]
     anchors = np.bincount(kept["tile"], kept["count"].astype(np.float64), len(container.tile_table))

@@ -16,7 +16,6 @@ from scarfmt.container.file import Container
 from scarfmt.container.schema import Profile
 from scarfmt.container.source import BytesSource
 from scarfmt.errors import InvalidInput, Malformed
-from scarfmt.tools.annotate import annotated
 from scarfmt.tools.merge import merge_to
 from scarfmt.tools.split import even_parts, split_to
 from scarfmt.tools.truncate import truncate
@@ -97,10 +96,9 @@ def test_fewer_layers_are_refused() -> None:
 
 def test_annotations_that_differ_are_left_out() -> None:
     """Such annotations would be true of only a part of the joined file."""
-    first, second = halves(FILES[Profile.EXPLICIT])
-    assert merge([annotated(first, {"a": 1}), annotated(second, {"a": 2})]) == merge(
-        halves(write_scene(replace(random_scene(3, Profile.EXPLICIT, tiles=8), metadata={})))
-    )
+    scene = random_scene(3, Profile.EXPLICIT, tiles=8)
+    first, second, plain = (halves(write_scene(replace(scene, metadata=said))) for said in ({"a": 1}, {"a": 2}, {}))
+    assert merge([first[0], second[1]]) == merge(plain)
 
 
 def test_boxes_are_left_out_where_not_all_files_have_them() -> None:
