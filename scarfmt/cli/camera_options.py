@@ -3,21 +3,19 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
-from typing import TYPE_CHECKING, Any, TypeVar
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
 
 import click
 
-from scarfmt.cli.views import parse_size
+from scarfmt.cli.options import with_options
+from scarfmt.cli.views import DEFAULT_SIZE, parse_size
 
 if TYPE_CHECKING:
     from scarfmt.arrays import F64
     from scarfmt.blocks.streaming import View
     from scarfmt.view_planning import Camera
 
-Command = TypeVar("Command", bound=Callable[..., Any])
-
-_SIZE = (640, 480)
 _FIELD_DEG = 60.0
 _AWAY = 1.2
 """Distance of the eye from a scene whose file names no first view, in diagonals of its boxes."""
@@ -36,31 +34,22 @@ def parse_point(value: str) -> tuple[float, ...]:
     return x, y, z
 
 
-def camera_options(command: Command) -> Command:
-    """Add --camera, --target, --up, --fov and --size to a command."""
-    options = (
-        click.option("--size", type=parse_size, metavar="WxH", help="Pixels of a picture [default: 640x480]."),
-        click.option(
-            "--fov", type=click.FloatRange(1, 170), metavar="DEGREES", help="Vertical field of view [default: file's]."
-        ),
-        click.option("--up", type=parse_point, metavar="X,Y,Z", help="Direction that is up [default: the file's]."),
-        click.option(
-            "--target", type=parse_point, metavar="X,Y,Z", help="Point to look at [default: the file's view]."
-        ),
-        click.option(
-            "--camera", type=parse_point, metavar="X,Y,Z", help="Point to look from [default: the file's view]."
-        ),
-    )
-    for option in options:
-        command = option(command)
-    return command
+camera_options = with_options(
+    click.option("--camera", type=parse_point, metavar="X,Y,Z", help="Point to look from [default: the file's view]."),
+    click.option("--target", type=parse_point, metavar="X,Y,Z", help="Point to look at [default: the file's view]."),
+    click.option("--up", type=parse_point, metavar="X,Y,Z", help="Direction that is up [default: the file's]."),
+    click.option(
+        "--fov", type=click.FloatRange(1, 170), metavar="DEGREES", help="Vertical field of view [default: file's]."
+    ),
+    click.option("--size", type=parse_size, metavar="WxH", help="Pixels of a picture [default: 640x480]."),
+)
 
 
 def camera_of(values: Mapping[str, Any], boxes: tuple[F64, F64], view: View | None) -> Camera:
     """The requested camera. What the user leaves out comes from the file's view, else from a view of the whole scene.
 
     Args:
-        values: those of :func:`camera_options`.
+        values: those of `camera_options`.
         boxes: lowest and highest corners (n, 3) of what there is.
         view: the first view that the file names, or None.
 
@@ -80,5 +69,5 @@ def camera_of(values: Mapping[str, Any], boxes: tuple[F64, F64], view: View | No
     field = math.radians(values["fov"]) if values["fov"] else view.fov if view else math.radians(_FIELD_DEG)
     if not np.linalg.norm(np.cross(target - position, up)) > 0:
         raise click.UsageError("--camera, --target and --up give no view: its direction is zero, or parallel to --up")
-    width, height = values["size"] or _SIZE
+    width, height = values["size"] or DEFAULT_SIZE
     return Camera(position, target - position, up, field, width, height)

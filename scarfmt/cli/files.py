@@ -5,10 +5,10 @@ from __future__ import annotations
 import codecs
 import re
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, BinaryIO, TypeVar
+from typing import TYPE_CHECKING, Any, BinaryIO
 
 import click
 
@@ -20,24 +20,21 @@ STANDARD = "-"
 _TIMEOUT = "scarfmt.timeout"
 _SURROGATE = re.compile("[\ud800-\udfff]")
 
-Command = TypeVar("Command", bound=Callable[..., Any])
-
-
-def timeout_option(command: Command) -> Command:
-    """Add --timeout, which :func:`open_input` obeys, to a command that reads URLs."""
-    return click.option(
-        "--timeout",
-        type=click.FloatRange(0.01, 86400),
-        metavar="SECONDS",
-        expose_value=False,
-        callback=_keep_timeout,
-        help="Maximum seconds for a request to a URL, plus one second for every 4 KiB requested [default: 60].",
-    )(command)
-
 
 def _keep_timeout(ctx: click.Context, _parameter: click.Parameter, value: float | None) -> None:
     if value is not None:
         ctx.meta[_TIMEOUT] = value
+
+
+timeout_option = click.option(
+    "--timeout",
+    type=click.FloatRange(0.01, 86400),
+    metavar="SECONDS",
+    expose_value=False,
+    callback=_keep_timeout,
+    help="Maximum seconds for a request to a URL, plus one second for every 4 KiB requested [default: 60].",
+)
+"""Of commands that read URLs; :func:`open_input` obeys it."""
 
 
 def read_origin(name: str, limit: int | None = None) -> str | bytes:

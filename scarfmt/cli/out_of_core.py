@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, BinaryIO, TypeVar
+from typing import TYPE_CHECKING, Any, BinaryIO
 
 import click
 
@@ -15,6 +15,7 @@ from reference_encoder.options import DEFAULT_RANGE, MIN_RANGE
 from scarfmt import __version__
 from scarfmt.cli.files import STANDARD, open_output
 from scarfmt.cli.inputs import RENDER_MODELS
+from scarfmt.cli.options import with_options
 from scarfmt.cli.progress import progress
 from scarfmt.errors import InputWarning, InvalidInput
 
@@ -27,27 +28,21 @@ LARGE_SCENE = 4_000_000
 
 _NAMES = ("work", "workers", "cluster", "resume", "range_size")
 
-Command = TypeVar("Command", bound=Callable[..., Any])
-
-
-def out_of_core_options(command: Command) -> Command:
-    """Add the options of which :class:`OutOfCore` is made."""
-    for option in (
-        click.option("--range-size", type=click.IntRange(MIN_RANGE), metavar="N",
-            help="With --work: number of Gaussians in a range. A worker needs memory for one range"
-            f" [default: {DEFAULT_RANGE}]."),
-        click.option("--resume", is_flag=True,
-            help="With --work: continue an interrupted encode from DIR. The result is the same."),
-        click.option("--cluster", metavar="ADDRESS",
-            help="With --work: address of a Dask scheduler whose workers encode. All must reach INPUT and DIR."),
-        click.option("--workers", type=click.IntRange(1), metavar="N",
-            help="With --work: number of processes [default: 1]."),
-        click.option("--work", metavar="DIR",
-            help="Encode in ranges of space, and keep finished work in DIR (a path or a URL). Each worker needs memory"
-            " for one range. INPUT may be larger than memory, a URL, or a folder of scenes."),
-    ):  # fmt: skip
-        command = option(command)
-    return command
+out_of_core_options = with_options(
+    click.option("--work", metavar="DIR",
+        help="Encode in ranges of space, and keep finished work in DIR (a path or a URL). Each worker needs memory"
+        " for one range. INPUT may be larger than memory, a URL, or a folder of scenes."),
+    click.option("--workers", type=click.IntRange(1), metavar="N",
+        help="With --work: number of processes [default: 1]."),
+    click.option("--cluster", metavar="ADDRESS",
+        help="With --work: address of a Dask scheduler whose workers encode. All must reach INPUT and DIR."),
+    click.option("--resume", is_flag=True,
+        help="With --work: continue an interrupted encode from DIR. The result is the same."),
+    click.option("--range-size", type=click.IntRange(MIN_RANGE), metavar="N",
+        help="With --work: number of Gaussians in a range. A worker needs memory for one range"
+        f" [default: {DEFAULT_RANGE}]."),
+)  # fmt: skip
+"""The options of which :class:`OutOfCore` is made."""
 
 
 def advise(count: int) -> None:

@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
-from typing import TYPE_CHECKING, Any, BinaryIO, TypeVar
+from typing import TYPE_CHECKING, Any, BinaryIO
 
 import click
 
 from scarfmt.cli.files import STANDARD, open_output
+from scarfmt.cli.options import with_options
 from scarfmt.cli.report import Report
 from scarfmt.errors import InputWarning, plural
 
@@ -32,33 +33,27 @@ SUFFIXES = {
 }
 """Endings of file names by id of the format, longer ones first."""
 
-Command = TypeVar("Command", bound=Callable[..., Any])
-
-
-def spz_options(command: Command) -> Command:
-    """Add what :func:`output_options` reads to a command that writes scenes."""
-    for option in (
-        click.option(
-            "--spz-sh-bits",
-            type=click.IntRange(1, 8),
-            nargs=2,
-            metavar="A B",
-            help="For .spz: bits of spherical harmonics, of degree 1 and of higher degrees [default: 5 4].",
-        ),
-        click.option(
-            "--spz-fraction-bits",
-            type=click.IntRange(0, 24),
-            metavar="N",
-            help="For .spz: positions are multiples of 2^-N [default: the largest N that holds all positions].",
-        ),
-        click.option("--spz-version", type=click.IntRange(3, 4), help="For .spz: 3 (gzip) or 4 (zstd) [default: 4]."),
-    ):
-        command = option(command)
-    return command
+spz_options = with_options(
+    click.option("--spz-version", type=click.IntRange(3, 4), help="For .spz: 3 (gzip) or 4 (zstd) [default: 4]."),
+    click.option(
+        "--spz-fraction-bits",
+        type=click.IntRange(0, 24),
+        metavar="N",
+        help="For .spz: positions are multiples of 2^-N [default: the largest N that holds all positions].",
+    ),
+    click.option(
+        "--spz-sh-bits",
+        type=click.IntRange(1, 8),
+        nargs=2,
+        metavar="A B",
+        help="For .spz: bits of spherical harmonics, of degree 1 and of higher degrees [default: 5 4].",
+    ),
+)
+"""What :func:`output_options` reads."""
 
 
 def output_options(format_id: str, said: dict[str, Any]) -> OutputOptions:
-    """The options of :func:`spz_options`, which are taken out of `said`.
+    """The options of `spz_options`, which are taken out of `said`.
 
     Raises:
         click.UsageError: one was given for another format.

@@ -3,17 +3,16 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any
 
 import click
+
+from scarfmt.cli.options import Decorator, with_options
 
 if TYPE_CHECKING:
     from scarfmt.render.camera import Camera
     from scarfmt.scene.gaussians import GaussianScene
-
-Command = TypeVar("Command", bound=Callable[..., Any])
 
 DEFAULT_VIEWS = 8
 DEFAULT_SIZE = (640, 480)
@@ -79,24 +78,17 @@ class ViewOptions:
     kind: str | None = None
 
 
-def view_options(default_kind: str) -> Callable[[Command], Command]:
+def view_options(default_kind: str) -> Decorator[Any]:
     """A decorator that adds --views, --frame, --from, --cameras and --size to a command."""
     kinds = click.Choice((RING, *KINDS, EVERYWHERE))
     number = f"Number of views of each kind [default: {DEFAULT_VIEWS}, or all cameras]."
-    options = (
-        click.option("--size", metavar="WxH", type=parse_size, help=SIZE_HELP),
-        click.option("--cameras", type=click.Path(exists=True), help=f"Look from these cameras: {CAMERAS_HELP}."),
-        click.option("--from", "kind", type=kinds, help=f"{FROM_HELP} [default: {default_kind}]."),
-        click.option("--frame", callback=parse_frame, help=f"{FRAME_HELP} [default: what the file says, or -y]"),
+    return with_options(
         click.option("--views", type=click.IntRange(1, 10000), help=number),
+        click.option("--frame", callback=parse_frame, help=f"{FRAME_HELP} [default: what the file says, or -y]"),
+        click.option("--from", "kind", type=kinds, help=f"{FROM_HELP} [default: {default_kind}]."),
+        click.option("--cameras", type=click.Path(exists=True), help=f"Look from these cameras: {CAMERAS_HELP}."),
+        click.option("--size", metavar="WxH", type=parse_size, help=SIZE_HELP),
     )
-
-    def decorate(command: Command) -> Command:
-        for option in options:
-            command = option(command)
-        return command
-
-    return decorate
 
 
 def listed_cameras(options: ViewOptions) -> list[Camera] | None:

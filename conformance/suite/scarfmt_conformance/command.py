@@ -7,12 +7,13 @@ import sys
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
 from functools import partial
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from scarfmt.cli.failures import FAILED
 from scarfmt.cli.files import open_output, print_json
+from scarfmt.cli.options import with_options
 from scarfmt.cli.progress import progress
 from scarfmt.errors import InvalidInput
 
@@ -23,20 +24,13 @@ _REFERENCE = "-"
 _SHOWN_FAILURES = 20
 _SUITE_HELP = "Folder with manifest.json, or a zip of it [default: ./conformance, else those installed]."
 
-F = TypeVar("F", bound=Callable[..., Any])
-
-
-def _selection_options(command: F) -> F:
-    """Add the options that select vectors to a command."""
-    options = (
-        click.option("--suite", metavar="PLACE", help=_SUITE_HELP),
-        click.option("--only", metavar="GLOB", multiple=True, help="Select ids that match, e.g. 'valid/index-*'."),
-        click.option("--class", "classes", metavar="NAME", multiple=True, help="Select a class: valid, edge, ..."),
-        click.option("--feature", "features", metavar="WORD", multiple=True, help="Select vectors with this feature."),
-    )
-    for option in reversed(options):
-        command = option(command)
-    return command
+_selection_options = with_options(
+    click.option("--suite", metavar="PLACE", help=_SUITE_HELP),
+    click.option("--only", metavar="GLOB", multiple=True, help="Select ids that match, e.g. 'valid/index-*'."),
+    click.option("--class", "classes", metavar="NAME", multiple=True, help="Select a class: valid, edge, ..."),
+    click.option("--feature", "features", metavar="WORD", multiple=True, help="Select vectors with this feature."),
+)
+"""The options that select vectors."""
 
 
 @click.group(short_help="Score any decoder against the test vectors.")
