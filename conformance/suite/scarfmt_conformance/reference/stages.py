@@ -29,7 +29,7 @@ from scarfmt.container.schema import (
     HEADER_CHECKSUM,
     LAYER_SUMMARY,
     LAYER_SUMMARY_SIZE,
-    Structure,
+    field_table,
 )
 from scarfmt.neural.layer_context import cell_centres
 from scarfmt_conformance.reference.observed import Records
@@ -116,17 +116,18 @@ def container(source: Container) -> dict[str, Any]:
     size = source.header.header_length
     data = source.source.read(0, size)
     starts = range(FILE_HEADER_SIZE, size - CHECKSUM_SIZE, LAYER_SUMMARY_SIZE)
-    tail = _fields(HEADER_CHECKSUM, data, size - CHECKSUM_SIZE)
+    tail = _fields(HEADER_CHECKSUM, data[size - CHECKSUM_SIZE :])
     return {
         "header": {**_fields(FILE_HEADER, data), **tail},
-        "layers": [_fields(LAYER_SUMMARY, data, start) for start in starts],
+        "layers": [_fields(LAYER_SUMMARY, data[start:]) for start in starts],
         "tiles": _rows(source.tile_table),
         "entries": _rows(source.directory),
     }
 
 
-def _fields(structure: Structure, data: bytes, start: int = 0) -> dict[str, Any]:
-    return {field.name: _text(field.read(data, start)) for field in structure}
+def _fields(structure: Any, data: bytes) -> dict[str, Any]:
+    values = structure.parse(data)
+    return {field.name: _text(values[field.name]) for field in field_table(structure)}
 
 
 def _rows(table: NDArray[np.void]) -> list[dict[str, str]]:
