@@ -94,7 +94,7 @@ def load_range(work: WorkDir, chunks: int, bounds: Bounds, number: int) -> Gauss
         bounds: of the scene.
         number: of the range.
     """
-    row = work.read_range(INDEX, number * chunks * 16, chunks * 16)
+    [row] = work.read_ranges(INDEX, [(number * chunks * 16, chunks * 16)])
     begin, end = np.frombuffer(row, "<i8").reshape(2, chunks)
     attributes = _attributes(bounds.sh_degree)
     total, each = int((end - begin).sum()), sum(_size(*kind) for kind in attributes.values())
@@ -103,7 +103,7 @@ def load_range(work: WorkDir, chunks: int, bounds: Bounds, number: int) -> Gauss
     filled = 0
     for chunk in np.flatnonzero(end > begin).tolist():
         first, count = int(begin[chunk]), int(end[chunk] - begin[chunk])
-        data = work.read_range(_name(chunk), first * each, count * each)
+        [data] = work.read_ranges(_name(chunk), [(first * each, count * each)])
         offset = 0
         for name, (kind, shape) in attributes.items():
             rows: NDArray[Any] = np.frombuffer(data, kind, count * math.prod(shape), offset)

@@ -172,14 +172,14 @@ class WorkDir:
         with opened(self.origin(name)) as source:
             return source.read(0, source.size)
 
-    def read_range(self, name: str, offset: int, length: int) -> bytes:
-        """Some bytes of a file.
+    def read_ranges(self, name: str, ranges: list[tuple[int, int]]) -> list[bytes]:
+        """Some bytes of a file, each given by offset and length.
 
         Raises:
             InvalidInput: ``input-source``: there is none.
         """
         with opened(self.origin(name)) as source:
-            return source.read(offset, length)
+            return [source.read(offset, length) for offset, length in ranges]
 
     def origin(self, name: str) -> str:
         """Path or URL with which a source of bytes reads a file."""

@@ -15,7 +15,7 @@ from scarfmt.cli.files import open_input, timeout_option
 from scarfmt.cli.outputs import SUFFIXES, open_scene_output, output_format, output_options, spz_options, written_report
 from scarfmt.cli.progress import progress
 from scarfmt.cli.report import Report, reports
-from scarfmt.cli.stats import format_stats, whole_file
+from scarfmt.cli.stats import decode_stats, format_stats, whole_file
 from scarfmt.cli.views import CAMERAS_HELP
 from scarfmt.errors import InputWarning
 from scarfmt.scene.streams import ATTRIBUTES
@@ -154,8 +154,7 @@ def decode(
             if not written.count and request.box is not None:
                 _warn_outside(source, request)
         counters.bytes_read, counters.reads = source.bytes_read, source.reads
-        seconds, decoded = time.perf_counter() - start, counters.report()
-        found = {"seconds": seconds, "engine": described(), "decoded": decoded, "file": whole_file(source)}
+        found = decode_stats(counters, time.perf_counter() - start, described(), whole_file(source))
         lines = [format_stats(found)] if stats else []
         return written_report((input_, output), written, {"format": format_id, **found}, *lines)
 

@@ -6,8 +6,24 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from scarfmt.container.source import ByteSource
+    from scarfmt.counters import Counters
 
 _TOTALS = (("bytes", "bytes_read"), ("blocks", "blocks"), ("tiles", "tiles"), ("anchors", "anchors"))
+
+
+def decode_stats(counters: Counters, seconds: float, engine: str, whole: dict[str, int]) -> dict[str, Any]:
+    """A JSON-able description of a decode.
+
+    Args:
+        counters: counts of the decode.
+        seconds: duration of the decode.
+        engine: the decoder's name.
+        whole: totals of the file.
+
+    Returns:
+        ``seconds``, ``engine``, ``decoded`` (:meth:`scarfmt.counters.Counters.report`) and ``file``, which is `whole`.
+    """
+    return {"seconds": seconds, "engine": engine, "decoded": counters.report(), "file": whole}
 
 
 def whole_file(source: ByteSource) -> dict[str, int]:
@@ -24,12 +40,7 @@ def whole_file(source: ByteSource) -> dict[str, int]:
 
 
 def format_stats(stats: dict[str, Any]) -> str:
-    """The report for people, a line for each count.
-
-    Args:
-        stats: ``decoded`` (:meth:`scarfmt.counters.Counters.report`), ``file`` (:func:`whole_file`), ``engine`` and
-            ``seconds``.
-    """
+    """The report of :func:`decode_stats` for people, a line for each count."""
     decoded, whole = stats["decoded"], stats["file"]
     # The header does not give the number of blocks.
     rows = [(name, decoded[key], _share(decoded[key], whole.get(name))) for name, key in _TOTALS]

@@ -175,14 +175,18 @@ def _check_models(data: bytes) -> None:
         raise InvalidInput("input-container", f"the file would break a rule: {error}") from error
 
 
-def write_scene(scene: QuantisedScene) -> bytes:
+def write_scene(scene: QuantisedScene, report: Report = silent) -> bytes:
     """The bytes of a file. Equal scenes give equal bytes.
+
+    Args:
+        scene: what to write.
+        report: told (stage, fraction done).
 
     Raises:
         InvalidInput: ``input-container`` when the scene breaks a rule of SPEC.md, ``input-table`` when a channel
             takes more different values than a table holds.
     """
-    return assemble_file(scene, code_blocks(scene))
+    return assemble_file(scene, code_blocks(scene, report))
 
 
 def assemble_file(scene: QuantisedScene, blocks: Sequence[Block]) -> bytes:
@@ -197,15 +201,7 @@ def assemble_file(scene: QuantisedScene, blocks: Sequence[Block]) -> bytes:
 
 
 def code_blocks(scene: QuantisedScene, report: Report = silent) -> list[Block]:
-    """All blocks of a file.
-
-    Args:
-        scene: what to write.
-        report: told (stage, fraction done).
-
-    Raises:
-        InvalidInput: as :func:`write_scene`.
-    """
+    """All blocks of a file. For the arguments and errors see :func:`write_scene`."""
     _check(scene)
     layers = len(scene.model.layers)
     known = StaticTables()

@@ -1,7 +1,7 @@
 """The container of a file: header, directory, blocks as opaque bytes (SPEC §5).
 
     source      where bytes come from: a file, memory, a URL, by ranges
-    schema      every fixed record, declared as data; the tables of SPEC §5 are made from it
+    schema      every fixed record, declared with `construct`; the tables of SPEC §5 are made from it
     header      signature, version, header, layer summaries, with their checks in SPEC's order
     root, pages the directory, packed: where blocks, pages and tiles are
     directory   its tiles and entries as objects

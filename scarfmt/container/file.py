@@ -12,6 +12,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
+from construct import ConstructError
 
 from scarfmt.container.directory import (
     Entry,
@@ -142,7 +143,7 @@ def write_container(
             streams[block.layer] += streams_of(block)
         directory = np.array([directory_row(block) for block in ordered], dtype=ENTRY_DTYPE)
         front = encode_front(fields, tile_table(tiles), directory, layer_counts, streams[1:].tolist(), page_bits)
-    except (OverflowError, ValueError, struct.error) as error:
+    except (ConstructError, OverflowError, ValueError, struct.error) as error:
         if isinstance(error, InvalidInput):
             raise
         raise InvalidInput("input-container", f"a value does not fit its field: {error}") from error

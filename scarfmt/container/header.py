@@ -26,9 +26,8 @@ from scarfmt.container.schema import (
     CoordinateFrame,
     Profile,
     RenderModel,
-    build,
+    field_table,
     header_length,
-    parse,
 )
 from scarfmt.container.source import ByteSource
 from scarfmt.errors import LimitExceeded, Malformed, Truncated, Unsupported
@@ -149,8 +148,8 @@ def encode_header(header: Header) -> bytes:
         "minor": VERSION[1],
         "layer_count": header.layer_count,
     }
-    body = build(FILE_HEADER, values) + b"".join(build(LAYER_SUMMARY, vars(layer)) for layer in header.layers)
-    return body + build(HEADER_CHECKSUM, {"header_crc32": zlib.crc32(body)})
+    body = FILE_HEADER.build(values) + b"".join(LAYER_SUMMARY.build(vars(layer)) for layer in header.layers)
+    return bytes(body + HEADER_CHECKSUM.build({"header_crc32": zlib.crc32(body)}))
 
 
 _OTHER_FORMATS = {
@@ -227,14 +226,14 @@ def _check_header_bytes(head: bytes) -> bytes:
     if len(head) < length:
         raise _truncated_header(len(head), length)
     end = length - CHECKSUM_SIZE
-    if zlib.crc32(head[:end]) != parse(HEADER_CHECKSUM, head, end).header_crc32:
+    if zlib.crc32(head[:end]) != HEADER_CHECKSUM.parse(head[end:length]).header_crc32:
         raise Malformed(
             "header-crc-mismatch", "the header is damaged: get another copy", offset=end, field="header_crc32"
         )
     return head[:length]
 
 
-_HEADER_FIELDS = {field.name: field for field in FILE_HEADER}
+_HEADER_FIELDS = {row.name: row for row in field_table(FILE_HEADER)}
 
 _HEADER_RULES: tuple[tuple[str, str, Callable[[Any], bool]], ...] = (
     ("render_model", "bad-reserved", lambda h: h.render_model in set(RenderModel)),
@@ -258,7 +257,7 @@ def _check_fields(raw: Any) -> None:
     for name, refusal, holds in _HEADER_RULES:
         if not holds(raw):
             rule = _HEADER_FIELDS[name]
-            value = list(raw.origin) if name == "origin" else getattr(raw, name)
+            value = list(raw[name]) if name == "origin" else raw[name]
             raise Malformed(refusal, f"{value} breaks the rule '{rule.description}'", offset=rule.offset, field=name)
 
 
@@ -318,7 +317,7 @@ def _header_from(raw: Any, data: bytes) -> Header:
         raw.sh_degree,
         raw.slots,
         raw.lattice_bits,
-        raw.origin,
+        (raw.origin[0], raw.origin[1], raw.origin[2]),
         raw.voxel,
         raw.source_count,
         CoordinateFrame(raw.coordinate_frame),
@@ -326,7 +325,11 @@ def _header_from(raw: Any, data: bytes) -> Header:
         RenderModel(raw.render_model),
     )
     starts = range(FILE_HEADER_SIZE, raw.header_length - CHECKSUM_SIZE, LAYER_SUMMARY_SIZE)
-    layers = (LayerSummary(**vars(parse(LAYER_SUMMARY, data, start))) for start in starts)
+    found = (LAYER_SUMMARY.parse(data[start:]) for start in starts)
+    layers = (
+        LayerSummary(row.anchor_count, row.gaussian_count, row.byte_count, row.end_offset, tuple(row.stream_bytes))
+        for row in found
+    )
     return Header(
         fields,
         raw.header_length,
@@ -355,7 +358,7 @@ def read_header(source: ByteSource, *, limits: Limits = DEFAULT_LIMITS, allow_tr
     head = source.read(0, min(source.size, header_length(MAX_LAYERS)))
     _check_signature(head)
     data = _check_header_bytes(head)
-    raw = parse(FILE_HEADER, data)
+    raw = FILE_HEADER.parse(data)
     _check_fields(raw)
     _check_limits(raw, limits)
     header = _header_from(raw, data)

@@ -27,9 +27,8 @@ from scarfmt.container.schema import (
     FILE_HEADER_SIZE,
     HEADER_CHECKSUM,
     LAYER_SUMMARY,
-    LAYER_SUMMARY_SIZE,
     SUBSTREAM_RECORD,
-    Structure,
+    field_table,
 )
 from scarfmt.container.source import ByteSource, BytesSource
 from scarfmt.container.substreams import RECORD_SIZE, check_substream, unpack_table
@@ -121,11 +120,11 @@ class Dump:
         """The first `length` bytes: header, layer summaries, checksum."""
         data = self._source.read(0, length)
         rows = list(_structure(FILE_HEADER, "header", "5.2", data, 0))
-        summaries = max(0, (length - FILE_HEADER_SIZE) // LAYER_SUMMARY_SIZE)
+        summaries = max(0, (length - FILE_HEADER_SIZE) // LAYER_SUMMARY.sizeof())
         for layer in range(1, summaries + 1):
-            at = FILE_HEADER_SIZE + (layer - 1) * LAYER_SUMMARY_SIZE
+            at = FILE_HEADER_SIZE + (layer - 1) * LAYER_SUMMARY.sizeof()
             rows += _structure(LAYER_SUMMARY, f"summary {layer}", "5.3", data, at)
-        at = FILE_HEADER_SIZE + summaries * LAYER_SUMMARY_SIZE
+        at = FILE_HEADER_SIZE + summaries * LAYER_SUMMARY.sizeof()
         if length > FILE_HEADER_SIZE:
             rows += _structure(HEADER_CHECKSUM, "header", "5.2", data, at)
         return rest(rows, length, "header", "5.2")
@@ -286,16 +285,17 @@ class Dump:
         return True
 
 
-def _structure(structure: Structure, name: str, section: str, data: bytes, at: int) -> Iterator[Row]:
+def _structure(structure: Any, name: str, section: str, data: bytes, at: int) -> Iterator[Row]:
     """The fields of a structure of the container at `at`, those that are there as a whole."""
-    for row in structure:
+    for row in field_table(structure):
         start = at + row.offset
         if start + row.size > len(data):
             return
-        value = row.read(data, at)
+        member = next(each for each in structure.subcons if each.name == row.name)
+        value = member.parse(data[start : start + row.size])
         if isinstance(value, bytes):
             value = value.hex(" ")
-        elif isinstance(value, tuple):
+        elif isinstance(value, list):
             value = " ".join(map(str, value))
         elif row.name in _NAMED and value in set(_NAMED[row.name]):
             value = f"{value} {_NAMED[row.name](value).name}"

@@ -32,6 +32,7 @@ from scarfmt.container.schema import (
     BlockKind,
     Profile,
     Stream,
+    field_table,
 )
 from scarfmt.container.source import ByteSource, BytesSource
 from scarfmt.container.substreams import check_substream, unpack_table
@@ -44,7 +45,7 @@ from scarfmt.tools.inspection import read_metadata
 
 ERROR, WARNING = "error", "warning"
 
-_SUMMARY_OFFSETS = {row.name: row.offset for row in LAYER_SUMMARY}
+_SUMMARY_OFFSETS = {row.name: row.offset for row in field_table(LAYER_SUMMARY)}
 
 
 @dataclass(frozen=True)

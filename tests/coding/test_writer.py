@@ -14,7 +14,7 @@ from fuzz.testing.scenes import random_scene
 from fuzz.testing.strategies import quantised_scenes
 from scarfmt.blocks.tables import unpack_tables
 from scarfmt.coding.tile import TileContent
-from scarfmt.coding.writer import QuantisedScene, code_blocks, keep_layers, layer_counts, write_scene
+from scarfmt.coding.writer import QuantisedScene, keep_layers, layer_counts, write_scene
 from scarfmt.container.bytefields import decompress
 from scarfmt.container.file import Container
 from scarfmt.container.schema import BlockKind, Profile, Stream
@@ -137,7 +137,7 @@ def test_models_travel_in_the_layer_that_first_needs_them() -> None:
 def test_progress_is_reported_from_start_to_end() -> None:
     """Fractions never fall, and end at 1."""
     seen: list[float] = []
-    code_blocks(random_scene(1, layers=3), lambda _stage, fraction: seen.append(fraction))
+    write_scene(random_scene(1, layers=3), lambda _stage, fraction: seen.append(fraction))
     assert seen == sorted(seen)
     assert (seen[0], seen[-1]) == (0.0, 1.0)
 

@@ -18,7 +18,7 @@ from scarfmt.container.schema import (
     CoordinateFrame,
     Profile,
     Stream,
-    size_of,
+    field_table,
 )
 from scarfmt.limits import MAX_FILE_LENGTH
 
@@ -56,9 +56,9 @@ _STARTS = {"FILE_HEADER": 0, "LAYER_SUMMARY": FILE_HEADER_SIZE}
 
 def locate(name: str, row: int, field: str, index: int = 0) -> tuple[int, str]:
     """Absolute offset and struct code of a (possibly array) field of FILE_HEADER or of a LAYER_SUMMARY."""
-    place = next(f for f in STRUCTURES[name] if f.name == field)
+    place = next(f for f in field_table(STRUCTURES[name]) if f.name == field)
     code = {"u8": "B", "u16": "H", "u32": "I", "u64": "Q", "f64": "d"}[place.type.split("[")[0]]
-    start = _STARTS[name] + row * size_of(STRUCTURES[name]) + place.offset
+    start = _STARTS[name] + row * STRUCTURES[name].sizeof() + place.offset
     return start + index * struct.calcsize("<" + code), "<" + code
 
 

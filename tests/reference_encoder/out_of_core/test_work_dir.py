@@ -51,7 +51,7 @@ def test_what_is_written_is_read(tmp_path: Path, place: str) -> None:
         stream.write(b"0123456789")
     work.put("a/two", {"x": (1, 2)})
     assert work.names("a") == {"one", "two"}
-    assert work.read_range("a/one", 2, 3) == b"234"
+    assert work.read_ranges("a/one", [(2, 3), (9, 1)]) == [b"234", b"9"]
     assert work.get("a/two") == {"x": (1, 2)}
     work.put("a/two", 5)
     assert work.get("a/two") == 5
