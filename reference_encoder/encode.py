@@ -47,7 +47,7 @@ from reference_encoder.rdo.layers import (
 from reference_encoder.rdo.rdo_input import RdoInput
 from reference_encoder.streaming_block import build_streaming_block
 from reference_encoder.thumbnail import thumbnail_blocks
-from reference_encoder.tuning import FIRST_CAP_DB, LAYER_VIEWS
+from reference_encoder.tuning import FIRST_CAP_DB, FIRST_VIEWS, LATER_VIEWS
 from scarfmt.coding.writer import QuantisedScene, Report, assemble_file, code_blocks, silent
 from scarfmt.errors import InvalidInput, LossWarning, plural
 from scarfmt.limits import MAX_ANCHORS_PER_TILE
@@ -201,15 +201,16 @@ class Encoder:
         """
         asked, layers = self.profile.options.asked_db, self.profile.options.layers
         costs = price_layers(problem, curves)
-        first = find_first_layer(costs, self._metric(problem, curves, FIRST_CAP_DB), asked, problem.base_share)
+        metric = self._metric(problem, curves, FIRST_VIEWS, FIRST_CAP_DB)
+        first = find_first_layer(costs, metric, asked, problem.base_share)
         problem, curves = split_classes(problem, curves, first.parts)
-        metric = self._metric(problem, curves, asked)
+        metric = self._metric(problem, curves, LATER_VIEWS, asked)
         choices = find_later_layers(price_layers(problem, curves), metric, first.without_parts, layers)
         return LayeredInput(problem, curves, choices, first)
 
-    def _metric(self, problem: RdoInput, curves: Sequence[RdCurve], most: float) -> PreviewMetric:
-        """How good layers look, each view counting as at most `most` dB."""
-        scene, judge = PreviewScene.of(problem, curves), self._judge.thinned(LAYER_VIEWS, most)
+    def _metric(self, problem: RdoInput, curves: Sequence[RdCurve], views: int, most: float) -> PreviewMetric:
+        """How good layers look from at least so many `views` of each kind, each counting as at most `most` dB."""
+        scene, judge = PreviewScene.of(problem, curves), self._judge.thinned(views, most)
 
         def decibels(steps: Sequence[Steps], parts: Sequence[float]) -> float:
             self._report()

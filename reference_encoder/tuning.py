@@ -177,8 +177,9 @@ GAUSSIAN_BASE_SHARE, ANCHOR_BASE_SHARE = 0.265, 0.28
 COARSE_ABSENCE = 3.0
 """How much worse than predicted leaving out a whole class is in early layers: holes, where one Gaussian leaves none
 [0007]."""
-LAYER_VIEWS = 12
-"""Least number of judging views of each kind that decide what a layer holds [0062]."""
+FIRST_VIEWS, LATER_VIEWS = 12, 4
+"""Least number of judging views of each kind that decide what the first layer holds, and what others do: these are
+compared with each other, the first with a figure [0062, 0064]."""
 PREVIEW_LOW_PART, PREVIEW_LOW_BELOW_DB = 0.2, 2.5
 """The part of these views that looks worst, and how far below the mean the best of it may lie before it decides, dB.
 The 20th percentile of three dozen views says more of the 5th of other ones than their own does [0062]."""

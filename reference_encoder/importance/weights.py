@@ -98,10 +98,12 @@ class WeightSums:
         """Add a view, the sums of its picture divided by the number of its samples, as so many views."""
         samples, index = camera.width * camera.height * 3, seen.index
         shape = times * (seen.contrast_sq / samples) ** SURVEY_POWER
-        distance = np.linalg.norm(positions[index] - camera.centre, axis=1)
+        away = positions[index]
+        away -= camera.centre
+        distance_sq = np.einsum("ij,ij->i", away, away)
         self.shape[index] += shape
         self.colour[index] += times * (seen.weight_sq / samples) ** SURVEY_POWER
-        self.log_pixel[index] += shape * np.log(np.maximum(distance, 1e-12) * pixel_angle(camera))
+        self.log_pixel[index] += shape * (0.5 * np.log(np.maximum(distance_sq, 1e-24)) + np.log(pixel_angle(camera)))
         self.weight[index] += shape
         self.largest[index] = np.maximum(self.largest[index], seen.weight_max.astype(np.float32))
 
