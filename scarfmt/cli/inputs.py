@@ -19,6 +19,7 @@ FORMAT_IDS = (
     "ply",
     "spz",
     "streamed-sog",
+    "supersplat",
     "sog",
     "gltf",
     "usd",
