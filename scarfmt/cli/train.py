@@ -143,8 +143,8 @@ def train(capture: str, output: str, folder: str | None, force: bool, quiet: boo
     """Train the .scar file OUTPUT from the photos CAPTURE.
 
     CAPTURE is a folder: of COLMAP, with a transforms.json (Nerfstudio, Blender), with a cameras.json of this project,
-    or of photos alone. For photos alone, the command finds the poses first. After an interruption the
-    same command continues. Ctrl-C ends training early and writes the best file so far. A second Ctrl-C aborts.
+    or of photos alone. For photos alone, the command finds the poses first. After an interruption the same command
+    continues. Ctrl-C ends training early and writes the best file so far. A second Ctrl-C aborts.
 
     \b
     Examples:

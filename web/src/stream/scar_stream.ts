@@ -63,7 +63,6 @@ export interface Stats extends Progress {
   bytesUsed: number;
   requests: number;
   retries: number;
-  /** Requests given up since the view changed. */
   /** Bytes a second that the connection brings. */
   throughput: number;
   /** Seconds to the first byte of a request. */

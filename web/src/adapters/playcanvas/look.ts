@@ -19,7 +19,7 @@ const MOST_ALPHA = 0.99;
 /** Colours that depend on the direction are made anew where the camera has moved by such an angle. */
 const COLOUR_DEGREES = 2;
 
-/** Chunks of PlayCanvas's shaders: what is replaced in each, and what by. */
+/** Of chunks of PlayCanvas's shaders by their names: what is replaced in each, and what by. */
 type Changes = Record<string, [before: string, after: string][]>;
 
 const GLSL: Changes = {
