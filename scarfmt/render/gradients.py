@@ -78,11 +78,10 @@ def gradients(drawable: Drawable, camera: Camera, target: F32) -> tuple[float, G
         raise InvalidInput("input-shape", f"expected a {expected} picture, got {target.shape}", field="target")
     seen = project(drawable, camera)
     error, by = _by_splats(seen, camera, target)
-    place = np.empty_like(seen.order)
-    place[seen.order] = np.arange(len(place), dtype=np.int32)
-    splats = seen.splats[place]
+    splats = np.empty_like(seen.splats)
+    splats[seen.order] = seen.splats
     by_ln_alpha = by.opacities * np.exp2(splats[:, LOG_OPACITY])
-    position, log_scale, turn = _to_shapes(drawable, camera, seen.index, place, by)
+    position, log_scale, turn = _to_shapes(drawable, camera, seen, by)
     found = Gradients(
         seen.index.astype(np.int64),
         by.colours * (splats[:, COLOUR] > 0),
@@ -112,14 +111,16 @@ def _by_splats(seen: Projected, camera: Camera, target: F32) -> tuple[float, _By
     return float(np.square(towards, dtype=np.float64).sum()), by
 
 
-def _to_shapes(drawable: Drawable, camera: Camera, index: I32, place: I32, by: _BySplats) -> tuple[F32, F32, F32]:
-    """Derivatives by positions, logarithms of scales and turns of the Gaussians `index`, whose splats are `place`."""
+def _to_shapes(drawable: Drawable, camera: Camera, seen: Projected, by: _BySplats) -> tuple[F32, F32, F32]:
+    """Derivatives by positions, logarithms of scales and turns of the Gaussians that are seen."""
+    index, order = seen.index, seen.order.astype(np.int64)
     positions, scales = drawable.scene.positions[index], drawable.scales[index]
     rotations, opacities = drawable.scene.rotations[index], drawable.opacities[index]
     gaussians = Scene(*addresses(positions, scales, rotations, opacities))
     by_position, by_scale, by_rotation = (np.empty((len(index), width), np.float32) for width in (3, 3, 4))
-    filled = place, by.means, by.ellipses, by_position, by_scale, by_rotation
-    load().scar_project_back(byref(gaussians), byref(Lens.of(camera)), 0, len(index), *addresses(*filled))
+    filled = by.means, by.ellipses, by_position, by_scale, by_rotation
+    view = byref(gaussians), byref(Lens.of(camera))
+    load().scar_project_back(*view, address(order), 0, len(index), *addresses(*filled))
     w, x, y, z = rotations.T
     # Half of what a turn about each axis adds to a quaternion.
     about = np.stack([[-x, w, z, -y], [-y, -z, w, x], [-z, y, -x, w]])

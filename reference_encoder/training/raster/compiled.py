@@ -90,10 +90,9 @@ class Prepared:
     """S of M Gaussians show, and are numbered nearest first; of two as near, the first is.
 
     Attributes:
-        means: (M, 2) float32 pixels, with a gradient.
+        means: (M, 2) float32 pixels, with a gradient; of those that do not show, 0.
         ellipses: (S, 3) float32 across, slope, down (:mod:`.projection`), with a gradient.
         which: (S,) int64 numbers among the M.
-        places: (M,) int32 numbers among the S, or -1.
         splats: (S, 12) float32 rows as `Splat` of raster.h.
         listing: in which tiles they may show.
     """
@@ -101,7 +100,6 @@ class Prepared:
     means: Tensor
     ellipses: Tensor
     which: Tensor
-    places: Tensor
     splats: Tensor
     listing: Listing
 
@@ -117,11 +115,15 @@ def _pack(gaussians: Gaussians, camera: Camera) -> _Packed:
     return (exact, *others), scene, Lens.of(camera)
 
 
-def _nearest_first(keys: Tensor) -> Tensor:
-    """(S,) int64: which of the (M,) keys are not those of unseen Gaussians, the nearest first."""
-    entries, which = torch.empty((2, len(keys)), dtype=torch.int64), torch.empty(len(keys), dtype=torch.int64)
-    rows = [pointer(one, torch.int64) for one in (*entries, which)]
-    return which[: load().scar_nearest_first(pointer(keys, torch.int32), len(keys), *rows)]
+def _see(scene: Scene, lens: Lens, count: int) -> tuple[Tensor, Tensor]:
+    """(S, 12) splats of those of M Gaussians that show, nearest first, and the (S,) int64 numbers of these."""
+    candidates, numbers, order = torch.empty((3, count), dtype=torch.int32)
+    torch.arange(count, dtype=torch.int32, out=candidates)
+    entries, splats = torch.empty((2, count), dtype=torch.int64), torch.empty((2, count, SPLAT))
+    sorting = [pointer(one, torch.int64) for one in entries]
+    found = pointer(numbers, torch.int32), pointer(splats[1]), pointer(order, torch.int32)
+    seen = load().scar_see(scene, lens, pointer(candidates, torch.int32), count, *sorting, pointer(splats[0]), *found)
+    return splats[1, :seen], numbers.index_select(0, order[:seen]).long()
 
 
 def _listed(splats: Tensor, camera: Camera) -> Listing:
@@ -142,20 +144,19 @@ class _Projected(torch.autograd.Function):
 
     @staticmethod
     def forward(
-        ctx: Any, centres: Tensor, scales: Tensor, rotations: Tensor, view: _Packed, places: Tensor, *built: Tensor
+        ctx: Any, centres: Tensor, scales: Tensor, rotations: Tensor, view: _Packed, which: Tensor, *built: Tensor
     ) -> tuple[Tensor, ...]:
-        ctx.view, ctx.places = view, places
+        ctx.view, ctx.which, ctx.count = view, which, len(centres)
         return built
 
     @staticmethod
     def backward(ctx: Any, to_means: Tensor, to_ellipses: Tensor) -> tuple[Tensor | None, ...]:
-        (_, scene, lens), count = ctx.view, len(ctx.places)
-        gradients = [torch.empty(count, width) for width in (3, 3, 4)]
+        _, scene, lens = ctx.view
+        gradients = [torch.zeros(ctx.count, width) for width in (3, 3, 4)]
         towards = to_means.contiguous(), to_ellipses.contiguous()
-        rows = [pointer(ctx.places, torch.int32), *(pointer(one) for one in (*towards, *gradients))]
-
+        which, rows = pointer(ctx.which, torch.int64), [pointer(one) for one in (*towards, *gradients)]
         back = load().scar_project_back
-        on_threads(lambda first, past, _: back(scene, lens, first, past, *rows), count)
+        on_threads(lambda first, past, _: back(scene, lens, which, first, past, *rows), len(ctx.which))
         return *gradients, None, None, None, None
 
 
@@ -165,23 +166,13 @@ def prepare(gaussians: Gaussians, camera: Camera) -> Prepared:
     Raises:
         InvalidInput: ``input-dependency`` where the compiled library is missing.
     """
-    library, view, count = load(), _pack(gaussians, camera), len(gaussians.centres)
-    _, scene, lens = view
-    means, ellipses = torch.empty(count, 2), torch.empty(count, ELLIPSE)
-    keys = torch.empty(count, dtype=torch.int32)
-    filled = pointer(means), pointer(keys, torch.int32), pointer(ellipses)
-    on_threads(lambda first, past, _: library.scar_project(scene, lens, first, past, *filled), count)
-    which = _nearest_first(keys)
-    splats = torch.empty(len(which), SPLAT)
-    rows = pointer(means), pointer(ellipses), pointer(splats)
-    order = pointer(which, torch.int64)
-    on_threads(lambda first, past, _: library.scar_arrange(scene, order, first, past, *rows), len(which))
-    places = torch.full((count,), -1, dtype=torch.int32)
-    places.index_copy_(0, which, torch.arange(len(which), dtype=torch.int32))
-    inputs = gaussians.centres, gaussians.scales, gaussians.rotations, view, places
+    view, count = _pack(gaussians, camera), len(gaussians.centres)
+    splats, which = _see(*view[1:], count)
+    means = torch.zeros(count, 2).index_copy_(0, which, splats[:, :2])
+    inputs = gaussians.centres, gaussians.scales, gaussians.rotations, view, which
     made = _Projected.apply(*inputs, means, splats[:, 2:5].clone())  # type: ignore[no-untyped-call]
     means, shapes = cast(tuple[Tensor, Tensor], made)
-    return Prepared(means, shapes, which, places, splats, _listed(splats, camera))
+    return Prepared(means, shapes, which, splats, _listed(splats, camera))
 
 
 def _job(camera: Camera, prepared: Prepared, background: Tensor) -> Job:
@@ -199,18 +190,17 @@ def _on_tiles(name: str, job: Job) -> None:
     on_threads(lambda *_: function(byref(job), byref(counter)), job.tiles)
 
 
-def _weights(prepared: Prepared, parts: Tensor) -> Tensor:
-    """(M,) sums of the (I,) weights of each Gaussian."""
-    sums = torch.zeros(len(prepared.places))
-    starts, which = pointer(prepared.listing.starts, torch.int64), pointer(prepared.which, torch.int64)
-    rows, add, out = (pointer(parts), starts, which), load().scar_composite_weights, pointer(sums)
-    on_threads(lambda first, past, _: add(*rows, first, past, out), len(prepared.which))
+def sum_by_splat(rows: Tensor, listing: Listing) -> Tensor:
+    """(S, wide) sums of the (I, wide) rows of each splat, in the order of their numbers."""
+    if len(rows) == 0:
+        return rows.new_zeros(len(listing.starts) - 1, rows.shape[1])
+    sums: Tensor = torch.segment_reduce(rows, "sum", lengths=listing.starts.diff(), axis=0, initial=0)
     return sums
 
 
-def _gather(prepared: Prepared, parts: Tensor) -> tuple[Tensor, Tensor, Tensor, Tensor]:
+def _gather(prepared: Prepared, count: int, parts: Tensor) -> tuple[Tensor, Tensor, Tensor, Tensor]:
     """Gradients of (S, 3) ellipses, (M, 2) means, (M,) opacities, (M, 3) colours from the (I, 9) of intersections."""
-    count, seen = len(prepared.places), len(prepared.which)
+    seen = len(prepared.which)
     sums = torch.empty(seen, 3), torch.zeros(count, 2), torch.zeros(count), torch.zeros(count, 3)
     starts, which = pointer(prepared.listing.starts, torch.int64), pointer(prepared.which, torch.int64)
     rows, out = (pointer(parts), starts, which, pointer(prepared.splats)), [pointer(one) for one in sums]
@@ -233,15 +223,15 @@ class _Composite(torch.autograd.Function):
         camera: Camera,
     ) -> tuple[Tensor, Tensor]:
         image, left = torch.empty(camera.height, camera.width, 3), torch.empty(camera.height, camera.width)
-        parts = torch.empty(len(prepared.listing.listed))
+        parts = torch.empty(len(prepared.listing.listed), 1)
         drawn = torch.empty(len(prepared.listing.offsets) - 1, dtype=torch.int32)
         job = _job(camera, prepared, background)
         job.image, job.transmittance, job.weights = pointer(image), pointer(left), pointer(parts)
         job.drawn = pointer(drawn, torch.int32)
         _on_tiles("scar_composite", job)
-        weights = _weights(prepared, parts)
+        weights = sum_by_splat(parts, prepared.listing)[:, 0]
         ctx.save_for_backward(background, image)
-        ctx.state = left, drawn, prepared, camera
+        ctx.state, ctx.count = (left, drawn, prepared, camera), len(means)
         ctx.mark_non_differentiable(weights)
         return image, weights
 
@@ -255,13 +245,13 @@ class _Composite(torch.autograd.Function):
         job.image, job.drawn = pointer(image), pointer(drawn, torch.int32)
         job.towards, job.gradients = pointer(towards), pointer(parts)
         _on_tiles("scar_composite_back", job)
-        to_ellipses, to_means, to_opacities, to_colours = _gather(prepared, parts)
+        to_ellipses, to_means, to_opacities, to_colours = _gather(prepared, ctx.count, parts)
         to_background = (towards * left[..., None]).sum((0, 1)) if ctx.needs_input_grad[4] else None
         return to_means, to_ellipses, to_opacities, to_colours, to_background, None, None
 
 
 def composite(prepared: Prepared, gaussians: Gaussians, background: Tensor, camera: Camera) -> tuple[Tensor, Tensor]:
-    """The picture, (H, W, 3) with a gradient, and (M,) sums of alpha times transmittance, without.
+    """The picture, (H, W, 3) with a gradient, and (S,) sums of alpha times transmittance, without.
 
     Args:
         prepared: what shows of the Gaussians, and where.

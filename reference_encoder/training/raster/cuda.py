@@ -14,7 +14,7 @@ from typing import Any, cast
 import torch
 from torch import Tensor
 
-from reference_encoder.training.raster.compiled import Gaussians, Listing
+from reference_encoder.training.raster.compiled import Gaussians, Listing, sum_by_splat
 from scarfmt.errors import missing_package
 from scarfmt.render.camera import Camera
 from scarfmt.render.native.binding import FRUSTUM_MARGIN, GRADIENTS, MAX_ALPHA, MIN_ALPHA, MIN_TRANSMITTANCE, TILE
@@ -200,7 +200,7 @@ class _Composite(torch.autograd.Function):
         kernels().blend[view.grid](*view.lists(), background, image, left, parts, drawn, *view.rules())
         ctx.save_for_backward(opacities, background, image)
         ctx.state, ctx.count = (left, drawn, view), len(means)
-        weights = _by_splat(parts, view.listing)
+        weights = sum_by_splat(parts, view.listing)
         ctx.mark_non_differentiable(weights)
         return image, weights
 
@@ -211,20 +211,12 @@ class _Composite(torch.autograd.Function):
         towards, which = towards.contiguous(), view.which
         parts = towards.new_zeros(len(view.listing.listed), GRADIENTS)
         kernels().unblend[view.grid](*view.lists(), image, towards, drawn, parts, *view.rules())
-        to_shapes, *others = _of_splats(_by_splat(parts, view.listing), view.splats[:, 2:5], opacities[which])
+        to_shapes, *others = _of_splats(sum_by_splat(parts, view.listing), view.splats[:, 2:5], opacities[which])
         to_means, to_opacities, to_colours = (
             part.new_zeros(ctx.count, *part.shape[1:]).index_copy_(0, which, part) for part in others
         )
         to_background = (towards * left[..., None]).sum((0, 1)) if ctx.needs_input_grad[4] else None
         return to_means, to_shapes, to_opacities, to_colours, to_background, None
-
-
-def _by_splat(rows: Tensor, listing: Listing) -> Tensor:
-    """(S, wide) sums of the (I, wide) rows of each splat, in the order of their numbers."""
-    if len(rows) == 0:
-        return rows.new_zeros(len(listing.starts) - 1, rows.shape[1])
-    sums: Tensor = torch.segment_reduce(rows, "sum", lengths=listing.starts.diff(), axis=0, initial=0)
-    return sums
 
 
 def _of_splats(sums: Tensor, shapes: Tensor, opacities: Tensor) -> tuple[Tensor, Tensor, Tensor, Tensor]:

@@ -19,7 +19,7 @@ class Picture:
     Attributes:
         image: (H, W, 3) float32, linear in the colours and not clipped, with a gradient.
         means: (M, 2) float32 pixel positions of the centres; after a backward pass `means.grad` is the gradient with
-            respect to them. Of Gaussians not in front of the camera, some number.
+            respect to them. Of Gaussians that are not shown, some number.
         shown: (M,) bool, whether a Gaussian may touch the centre of a pixel.
         weights: (M,) float32, sum of alpha times transmittance over the pixels, without gradient.
     """
@@ -46,12 +46,12 @@ def rasterise(gaussians: Gaussians, camera: Camera, background: Tensor) -> Pictu
     """
     if gaussians.centres.device.type == "cpu":
         prepared = prepare(gaussians, camera)
-        image, weights = composite(prepared, gaussians, background, camera)
-        picture = Picture(image, prepared.means, prepared.places >= 0, weights)
+        means, which = prepared.means, prepared.which
+        image, parts = composite(prepared, gaussians, background, camera)
     else:
         image, means, which, parts = draw(gaussians, camera, background)
-        shown, weights = means.new_zeros(len(means), dtype=torch.bool), means.new_zeros(len(means))
-        picture = Picture(image, means, shown.index_fill_(0, which, True), weights.index_copy_(0, which, parts))
+    shown, weights = means.new_zeros(len(means), dtype=torch.bool), means.new_zeros(len(means))
+    picture = Picture(image, means, shown.index_fill_(0, which, True), weights.index_copy_(0, which, parts))
     if picture.means.requires_grad:
         picture.means.retain_grad()
     return picture

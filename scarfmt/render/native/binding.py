@@ -13,7 +13,7 @@ from scarfmt.arrays import F64
 from scarfmt.errors import InvalidInput
 from scarfmt.render.camera import Camera
 
-INTERFACE = 3
+INTERFACE = 4
 """The number of the interface in composite.c."""
 TILE = 16
 """Pixels of a tile, each way."""
@@ -110,16 +110,12 @@ _SIGNATURES: dict[str, tuple[type | None, list[type]]] = {
     "scar_prepare": (None, [*[c_void_p] * 4, c_int64, c_float, *[c_void_p] * 3]),
     "scar_nearby": (c_int64, [POINTER(Outlook), c_void_p, c_int64, c_void_p]),
     "scar_see": (c_int64, [POINTER(Scene), POINTER(Lens), c_void_p, c_int64, *[c_void_p] * 6]),
-    "scar_project": (None, [POINTER(Scene), POINTER(Lens), c_int64, c_int64, *[c_void_p] * 3]),
-    "scar_project_back": (None, [POINTER(Scene), POINTER(Lens), c_int64, c_int64, *[c_void_p] * 6]),
-    "scar_nearest_first": (c_int64, [c_void_p, c_int64, *[c_void_p] * 3]),
-    "scar_arrange": (None, [POINTER(Scene), c_void_p, c_int64, c_int64, *[c_void_p] * 3]),
+    "scar_project_back": (None, [POINTER(Scene), POINTER(Lens), c_void_p, c_int64, c_int64, *[c_void_p] * 5]),
     "scar_count_tiles": (None, [c_void_p, c_int64, c_int64, c_int64, *[c_void_p] * 3]),
     "scar_list_tiles": (None, [c_void_p, c_int64, c_int64, *[c_void_p] * 3]),
     "scar_composite": (None, [POINTER(Job), POINTER(c_int64)]),
     "scar_composite_measure": (None, [POINTER(Job), POINTER(c_int64)]),
     "scar_composite_back": (None, [POINTER(Job), POINTER(c_int64)]),
-    "scar_composite_weights": (None, [*[c_void_p] * 3, c_int64, c_int64, c_void_p]),
     "scar_composite_measures": (None, [*[c_void_p] * 3, c_int64, c_void_p]),
     "scar_composite_gather": (None, [*[c_void_p] * 4, c_int64, c_int64, *[c_void_p] * 4]),
 }

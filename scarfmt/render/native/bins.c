@@ -19,19 +19,6 @@ uint64_t *sort_entries(uint64_t *entries, uint64_t *spare, int64_t count) {
     return entries;
 }
 
-/* Fills `which` with the numbers of the keys that are not UNSEEN, of the least first, of equal ones the first; how many.
-`entries` and `spare` have room for `count` each. */
-EXPORT int64_t scar_nearest_first(const uint32_t *keys, int64_t count, uint64_t *entries, uint64_t *spare, int64_t *which) {
-    int64_t seen = 0;
-    for (int64_t i = 0; i < count; i++) {
-        entries[seen] = (uint64_t)keys[i] << 32 | (uint64_t)i;
-        seen += keys[i] != UNSEEN;
-    }
-    const uint64_t *sorted = sort_entries(entries, spare, seen);
-    for (int64_t i = 0; i < seen; i++) which[i] = (int64_t)(sorted[i] & UINT32_MAX);
-    return seen;
-}
-
 static int32_t between(float value, int32_t most) { return value < 0 ? 0 : value > (float)most ? most : (int32_t)value; }
 
 /* Fills the (seen, 4) `spans`, first and last column and row of tiles with pixel centres in the bounds of a splat; the
@@ -69,15 +56,5 @@ EXPORT void scar_list_tiles(const int32_t *spans, int64_t seen, int64_t columns,
                 if (listed) listed[place] = number;
                 owners[place] = (int32_t)i;
             }
-    }
-}
-
-/* Fills splats `first` to `past`. */
-EXPORT void scar_arrange(const Scene *g, const int64_t *which, int64_t first, int64_t past, const float *means,
-                         const Ellipse *ellipses, Splat *splats) {
-    for (int64_t i = first; i < past; i++) {
-        int64_t w = which[i];
-        const float *colour = g->colours + 3 * w, *mean = means + 2 * w;
-        splats[i] = (Splat){mean[0], mean[1], ellipses[w], colour[0], colour[1], colour[2]};
     }
 }

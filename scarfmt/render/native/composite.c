@@ -6,7 +6,7 @@
 #include "numbers.h"
 
 /* Grows with every change of Job or of what its arrays hold: binding.py loads no other. */
-#define INTERFACE 3
+#define INTERFACE 4
 
 EXPORT int64_t scar_render_interface(void) { return INTERFACE; }
 EXPORT int64_t scar_render_structs(void) {
@@ -37,16 +37,6 @@ EXPORT void scar_composite_measure(const Job *job, int64_t *next) { each_tile(jo
 
 /* Fills the gradients of the tiles that it takes; the picture and `drawn` are those that scar_composite left. */
 EXPORT void scar_composite_back(const Job *job, int64_t *next) { each_tile(job, next, tiles_at_hand()->unblend); }
-
-/* Fills the sums of `weights` of splats `first` to `past`: those of splat i are weights[starts[i]] and on. */
-EXPORT void scar_composite_weights(const float *weights, const int64_t *starts, const int64_t *which, int64_t first,
-                                   int64_t past, float *sums) {
-    for (int64_t i = first; i < past; i++) {
-        float sum = 0.0f;
-        for (int64_t r = starts[i]; r < starts[i + 1]; r++) sum += weights[r];
-        sums[which[i]] = sum;
-    }
-}
 
 /* Fills the gradients of what splats `first` to `past` were made of, from the gradients of their intersections: of the
 ellipses (across, slope, down) in the order of the splats, of the others where `which` says. */

@@ -1,11 +1,10 @@
-/* The tiles of composite.h, compiled once for every kind of vectors. The file that includes this one says which:
+/* The tiles of composite.h, compiled once for every kind of vectors (vectors.h). The file that includes this one says which,
+and what they are called: TILES. */
 
-TARGET: the attribute of its functions. TILES: what they are called. And what is done with vectors V and masks M: larger,
-smaller, root, where (one or the other, by a mask), signs (a bit for each that is set, that of the first lowest). */
+#include "composite.h"
+#include "vectors.h"
 
-#include <string.h>
-
-#define STRIDE (TILE + SPAN) /* of a row of a tile: a span that starts in the tile may end beyond it */
+#define STRIDE (TILE + LANES) /* of a row of a tile: a span that starts in the tile may end beyond it */
 #define PIXELS (TILE * STRIDE)
 #define EARLY 8
 #define FEW_ROWS 5 /* up to so many, rows are looked at one by one */
@@ -19,7 +18,7 @@ smaller, root, where (one or the other, by a mask), signs (a bit for each that i
 
 /* What a splat may reach of a tile, and what depends on the row alone. */
 typedef struct {
-    uint32_t spans;       /* bit r: SPAN pixels of row r, from `first` on; bit TILE + r: the SPAN after them */
+    uint32_t spans;       /* bit r: LANES pixels of row r, from `first` on; bit TILE + r: the LANES after them */
     int32_t first[TILE];  /* column */
     float dy[TILE];       /* rows from the mean */
     float ridge[TILE];    /* columns from the ridge of the splat to the first pixel that it may reach */
@@ -40,19 +39,10 @@ typedef struct {
     int64_t left, top, wide, high;
 } Place;
 
-
-PART V load(const float *from) {
-    V value;
-    memcpy(&value, from, sizeof value);
-    return value;
-}
-
-PART void store(float *to, V value) { memcpy(to, &value, sizeof value); }
-PART V all(float value) { return value - (V){0}; }
-PART V bits(M mask) { return (V)mask; }
-PART V kept(M mask, V value) { return bits(mask & (M)value); }
+PART V kept(M mask, V value) { return (V)(mask & (M)value); }
 
 PART float sum(V value) {
+    typedef float Half __attribute__((vector_size(2 * LANES)));
     Half low, high;
     memcpy(&low, &value, sizeof low);
     memcpy(&high, (const char *)&value + sizeof low, sizeof high);
@@ -70,7 +60,7 @@ PART V power_of_two(V t) {
     p = p * f + 0.24022120237350464f;
     p = p * f + 0.6931469440460205f;
     p = p * f + 1.0000001192092896f;
-    return bits((M)p + ((M)shifted << 23));
+    return (V)((M)p + ((M)shifted << 23));
 }
 
 /* A splat's alpha before the cap, at u columns from its ridge in a row with this exponent. */
@@ -90,7 +80,7 @@ PART V shade(const Job *job, V alpha, float *transmittance) {
     V weight = alpha * before;
     V after = before - weight;
     M open = after >= all(job->min_transmittance);
-    V closed = bits((M)before | (M)all(-0.0f));
+    V closed = (V)((M)before | (M)all(-0.0f));
     store(transmittance, where(open, after, closed));
     return kept(open, weight);
 }
@@ -102,14 +92,14 @@ PART Place place_of(const Job *job, int64_t tile) {
     return p;
 }
 
-static const V LANES = {0, 1, 2, 3, 4, 5, 6, 7};
+static const V COLUMNS = {0, 1, 2, 3, 4, 5, 6, 7};
 
-/* The rows of a splat that is no wider than SPAN, one by one; 0 if it is wider, or higher than a few rows. */
+/* The rows of a splat that is no wider than LANES, one by one; 0 if it is wider, or higher than a few rows. */
 PART int find_small_reach(const Splat *s, const Place *p, Reach *r) {
     float x = s->mean_x - p->left - 0.5f, y = s->mean_y - p->top - 0.5f, most = TILE - 1;
     float left = x - s->ellipse.half_x, right = x + s->ellipse.half_x, top = y - s->ellipse.half_y,
           bottom = y + s->ellipse.half_y;
-    if (!(right - left < SPAN - 1 && bottom - top < FEW_ROWS)) return 0;
+    if (!(right - left < LANES - 1 && bottom - top < FEW_ROWS)) return 0;
     int32_t first = left > 0 ? (int32_t)(left + 0.999f) : 0, row = top > 0 ? (int32_t)(top + 0.999f) : 0;
     int32_t last = bottom < 0 ? -1 : bottom > most ? TILE - 1 : (int32_t)bottom;
     float down = HALF_LOG2_E * s->ellipse.down;
@@ -131,14 +121,14 @@ PART void find_reach(const Splat *s, const Place *p, Reach *r) {
     float per_half = 1.0f / s->ellipse.half_y, down = HALF_LOG2_E * s->ellipse.down;
     V none = all(0.0f), last_column = all(TILE - 1);
     r->spans = 0;
-    for (int row = 0; row < TILE; row += SPAN) {
-        V dy = LANES + (p->top + row + 0.5f - s->mean_y), height = dy * per_half, part = 1.0f + SLACK - height * height;
+    for (int row = 0; row < TILE; row += LANES) {
+        V dy = COLUMNS + (p->top + row + 0.5f - s->mean_y), height = dy * per_half, part = 1.0f + SLACK - height * height;
         V half = s->ellipse.half_row * root(larger(part, none)) + SLACK_PX;
         V middle = s->ellipse.slope * dy + (s->mean_x - p->left - 0.5f);
         /* Rounded up and down; either may be one too generous. */
         M first = __builtin_convertvector(smaller(larger(middle - half, none), all(TILE)) + 0.999f, M);
         M last = __builtin_convertvector(larger(smaller(middle + half, last_column), all(-1.0f)) + 1.0f, M) - 1;
-        M reached = (part >= none) & (first <= last), twice = reached & (first + SPAN <= last);
+        M reached = (part >= none) & (first <= last), twice = reached & (first + LANES <= last);
         r->spans |= signs(reached) << row | signs(twice) << (TILE + row);
         memcpy(r->first + row, &first, sizeof first);
         store(r->dy + row, dy);
@@ -174,9 +164,9 @@ PART float blend(const Job *job, const Splat *s, const Place *p, Blend *b) {
     find_reach(s, p, &reach);
     V weights = {0};
     for (uint32_t spans = reach.spans; spans; spans &= spans - 1) {
-        int32_t bit = __builtin_ctz(spans), row = bit % TILE, later = bit / TILE * SPAN;
+        int32_t bit = __builtin_ctz(spans), row = bit % TILE, later = bit / TILE * LANES;
         int32_t i = row * STRIDE + reach.first[row] + later;
-        V u = LANES + (reach.ridge[row] + later);
+        V u = COLUMNS + (reach.ridge[row] + later);
         if (!signs(load(b->transmittance + i) > 0.0f)) continue;
         V alpha = capped(job, uncapped(u, across, reach.exponent[row]));
         V weight = shade(job, alpha, b->transmittance + i);
@@ -235,9 +225,9 @@ PART void measure(const Job *job, const Splat *s, const Place *p, Blend *left, f
     find_reach(s, p, &reach);
     V squares = {0}, contrasts = {0}, largest = {0};
     for (uint32_t spans = reach.spans; spans; spans &= spans - 1) {
-        int32_t bit = __builtin_ctz(spans), row = bit % TILE, later = bit / TILE * SPAN;
+        int32_t bit = __builtin_ctz(spans), row = bit % TILE, later = bit / TILE * LANES;
         int32_t i = row * STRIDE + reach.first[row] + later;
-        V u = LANES + (reach.ridge[row] + later), before = load(left->transmittance + i);
+        V u = COLUMNS + (reach.ridge[row] + later), before = load(left->transmittance + i);
         if (!signs(before > 0.0f)) continue;
         V alpha = capped(job, uncapped(u, across, reach.exponent[row]));
         V weight = shade(job, alpha, left->transmittance + i);
@@ -251,7 +241,7 @@ PART void measure(const Job *job, const Splat *s, const Place *p, Blend *left, f
         largest = larger(largest, weight);
     }
     float most = 0;
-    for (int i = 0; i < SPAN; i++) most = largest[i] > most ? largest[i] : most;
+    for (int i = 0; i < LANES; i++) most = largest[i] > most ? largest[i] : most;
     out[0] = sum(squares), out[1] = sum(contrasts), out[2] = most;
 }
 
@@ -277,10 +267,10 @@ PART void unblend(const Job *job, const Splat *s, const Place *p, Unblend *b, fl
     find_reach(s, p, &reach);
     V red = {0}, green = {0}, blue = {0}, m = {0}, m_u = {0}, m_u_dy = {0}, m_u_u = {0}, m_dy = {0}, m_dy_dy = {0};
     for (uint32_t spans = reach.spans; spans; spans &= spans - 1) {
-        int32_t bit = __builtin_ctz(spans), row = bit % TILE, later = bit / TILE * SPAN;
+        int32_t bit = __builtin_ctz(spans), row = bit % TILE, later = bit / TILE * LANES;
         int32_t i = row * STRIDE + reach.first[row] + later;
         float dy = reach.dy[row];
-        V u = LANES + (reach.ridge[row] + later);
+        V u = COLUMNS + (reach.ridge[row] + later);
         V raw = uncapped(u, across, reach.exponent[row]), alpha = capped(job, raw);
         V before = load(b->transmittance + i), weight = shade(job, alpha, b->transmittance + i);
         if (!signs(weight > 0.0f)) continue;

@@ -3,9 +3,7 @@
 #ifndef SCAR_HARMONICS_H
 #define SCAR_HARMONICS_H
 
-#include <string.h>
-
-#include "lanes.h"
+#include "vectors.h"
 
 typedef float Four __attribute__((vector_size(16)));
 

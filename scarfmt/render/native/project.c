@@ -5,11 +5,13 @@ INRIA's 3D Gaussian Splatting. LANES Gaussians at a time; every number is what o
 #include <string.h>
 
 #include "harmonics.h"
-#include "lanes.h"
 #include "numbers.h"
 #include "raster.h"
+#include "vectors.h"
 
 #define TINY 1.17549435e-38f
+
+typedef double D __attribute__((vector_size(8 * LANES)));
 
 /* LANES Gaussians seen by a camera. */
 typedef struct {
@@ -24,6 +26,26 @@ typedef struct {
     V turned_x[3], turned_y[3], a[3], b[3], normal[3];
     V xx, yy, undilated, determinant, across, slope, down;
 } Shape;
+
+INLINE V magnitude(V a) { return (V)((M)a & INT32_MAX); }
+INLINE V narrowed(D a) { return __builtin_convertvector(a, V); }
+INLINE D widened(V a) { return __builtin_convertvector(a, D); }
+/* Of numbers from 0 to below 2^31. */
+INLINE V rounded_down(V a) { return __builtin_convertvector(__builtin_convertvector(a, M), V); }
+
+/* from[stride * row] of LANES rows. */
+INLINE V gather(const float *from, int64_t stride, const int64_t *rows) {
+    V found;
+    for (int j = 0; j < LANES; j++) found[j] = from[stride * rows[j]];
+    return found;
+}
+
+/* from[3 * row] of LANES rows. */
+INLINE D gather_doubles(const double *from, const int64_t *rows) {
+    D found;
+    for (int j = 0; j < LANES; j++) found[j] = from[3 * rows[j]];
+    return found;
+}
 
 INLINE V dot(const V *a, const V *b) { return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]; }
 
@@ -111,6 +133,14 @@ INLINE M misses(V mean, V slope, float limit, V focal, float size, V variance, V
     return (beyond > 0) & (beyond * beyond > furthest);
 }
 
+/* The logarithms to the base of 2. */
+INLINE V log2_of_each(V a) {
+    float each[LANES];
+    store(each, a);
+    for (int j = 0; j < LANES; j++) each[j] = log2_of(each[j]);
+    return load(each);
+}
+
 /* Fills ellipses, each LANES numbers of every member; not of those that do not show, or where anything is not a number.
 Returns which do. */
 INLINE M see(const Lens *l, const Group *g, V opacity, V *e) {
@@ -120,7 +150,7 @@ INLINE M see(const Lens *l, const Group *g, V opacity, V *e) {
     V largest = larger(larger(g->scales[0], g->scales[1]), g->scales[2]), variance = largest * largest;
     seen &= ~misses(g->mean[0], g->local[0] * per_z, l->limit_x, l->fx * per_z, l->width, variance, reach, l->dilation);
     seen &= ~misses(g->mean[1], g->local[1] * per_z, l->limit_y, l->fy * per_z, l->height, variance, reach, l->dilation);
-    if (!any(seen)) return seen;
+    if (!signs(seen)) return seen;
     Shape s;
     find_shape(l, g, &s);
     seen &= s.determinant < INFINITY;
@@ -151,24 +181,6 @@ static uint32_t key_of(float depth) {
 INLINE int fill_rows(int64_t first, int64_t past, int64_t *rows) {
     for (int j = 0; j < LANES; j++) rows[j] = first + j < past ? first + j : past - 1;
     return past - first < LANES ? (int)(past - first) : LANES;
-}
-
-/* Fills means, and keys and ellipses of those that show, of Gaussians `first` to `past`. */
-EXPORT WIDE void scar_project(const Scene *g, const Lens *l, int64_t first, int64_t past, float *means, uint32_t *keys,
-                              Ellipse *ellipses) {
-    for (int64_t i = first; i < past; i += LANES) {
-        int64_t rows[LANES];
-        Group some;
-        V e[7] = {0};
-        int count = fill_rows(i, past, rows);
-        look_at(g, l, rows, &some);
-        M seen = see(l, &some, gather(g->opacities, 1, rows), e);
-        for (int j = 0; j < count; j++) {
-            means[2 * (i + j)] = some.mean[0][j], means[2 * (i + j) + 1] = some.mean[1][j];
-            keys[i + j] = seen[j] ? key_of(some.local[2][j]) : UNSEEN;
-            if (seen[j]) ellipses[i + j] = ellipse_of(e, j);
-        }
-    }
 }
 
 /* Fills the colours of splats, of Gaussians `rows` that show. */
@@ -274,51 +286,31 @@ INLINE void shape_back(const Lens *l, const Shape *s, const V *scales, const V *
     to_quaternion(matrix, s, to_rotation);
 }
 
-INLINE void mean_back(const Lens *l, const V *local, const V *towards, V *to_local) {
-    M before = local[2] > l->near;
-    V z = where(before, local[2], all(1));
-    to_local[0] = l->fx / z * towards[0], to_local[1] = l->fy / z * towards[1];
-    to_local[2] = where(before, -(to_local[0] * local[0] + to_local[1] * local[1]) / z, all(0));
-}
-
-/* Fills the gradients of centres, scales and rotations of Gaussians `first` to `past` from those of means and of the
-ellipses, whose rows `places` gives (-1 where a Gaussian does not show). */
-EXPORT WIDE void scar_project_back(const Scene *g, const Lens *l, int64_t first, int64_t past, const int32_t *places,
+/* Fills the gradients of centres, scales and rotations of the Gaussians of splats `first` to `past`, which `which` names, from
+those of their means and of ellipses in the order of the splats. */
+EXPORT WIDE void scar_project_back(const Scene *g, const Lens *l, const int64_t *which, int64_t first, int64_t past,
                                    const float *to_means, const float *to_ellipses, float *to_centres, float *to_scales,
                                    float *to_rotations) {
-    memset(to_scales + 3 * first, 0, sizeof(float) * 3 * (past - first));
-    memset(to_rotations + 4 * first, 0, sizeof(float) * 4 * (past - first));
     for (int64_t i = first; i < past; i += LANES) {
-        int64_t rows[LANES];
+        int64_t splats[LANES], rows[LANES];
         Group some;
         Shape s;
-        V to_local[3], of_scales[3], of_rotations[4], of_shape[3] = {0}, towards[2], unmoved[3];
-        M shown;
-        int count = fill_rows(i, past, rows);
+        V to_local[3], of_scales[3], of_rotations[4], of_shape[3], of_centres[3];
+        int count = fill_rows(i, past, splats);
+        for (int j = 0; j < LANES; j++) rows[j] = which[splats[j]];
         look_at(g, l, rows, &some);
-        for (int j = 0; j < LANES; j++) {
-            int64_t place = places[rows[j]];
-            shown[j] = place >= 0 ? -1 : 0;
-            for (int k = 0; k < 3; k++) of_shape[k][j] = place >= 0 ? to_ellipses[3 * place + k] : 0;
-        }
-        for (int k = 0; k < 2; k++) towards[k] = gather(to_means + k, 2, rows);
-        mean_back(l, some.local, towards, to_local);
-        if (any(shown)) {
-            memcpy(unmoved, to_local, sizeof unmoved);
-            find_shape(l, &some, &s);
-            shape_back(l, &s, some.scales, of_shape, to_local, of_scales, of_rotations);
-            for (int k = 0; k < 3; k++) to_local[k] = where(shown, to_local[k], unmoved[k]);
-        }
-        for (int k = 0; k < 3; k++) {
-            D to_centre = l->pose[k] * widened(to_local[0]) + l->pose[4 + k] * widened(to_local[1]) +
-                          l->pose[8 + k] * widened(to_local[2]);
-            V centre = narrowed(to_centre);
-            for (int j = 0; j < count; j++) to_centres[3 * (i + j) + k] = centre[j];
-        }
+        find_shape(l, &some, &s);
+        for (int k = 0; k < 3; k++) of_shape[k] = gather(to_ellipses + k, 3, splats);
+        to_local[0] = l->fx / s.z * gather(to_means, 2, rows), to_local[1] = l->fy / s.z * gather(to_means + 1, 2, rows);
+        to_local[2] = -(to_local[0] * some.local[0] + to_local[1] * some.local[1]) / s.z;
+        shape_back(l, &s, some.scales, of_shape, to_local, of_scales, of_rotations);
+        for (int k = 0; k < 3; k++)
+            of_centres[k] = narrowed(l->pose[k] * widened(to_local[0]) + l->pose[4 + k] * widened(to_local[1]) +
+                                     l->pose[8 + k] * widened(to_local[2]));
         for (int j = 0; j < count; j++) {
-            if (!shown[j]) continue;
-            for (int k = 0; k < 3; k++) to_scales[3 * (i + j) + k] = of_scales[k][j];
-            for (int k = 0; k < 4; k++) to_rotations[4 * (i + j) + k] = of_rotations[k][j];
+            for (int k = 0; k < 3; k++) to_centres[3 * rows[j] + k] = of_centres[k][j];
+            for (int k = 0; k < 3; k++) to_scales[3 * rows[j] + k] = of_scales[k][j];
+            for (int k = 0; k < 4; k++) to_rotations[4 * rows[j] + k] = of_rotations[k][j];
         }
     }
 }

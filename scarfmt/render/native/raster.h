@@ -10,7 +10,6 @@
 #define TILE 16
 #define GRADIENTS 9
 #define MEASURES 3
-#define UNSEEN UINT32_MAX /* key of a Gaussian that does not show: more than the bits of any positive float */
 #define BOUND_SLACK 2e-3f /* pixels by which bounds are widened, so that rounding never drops a pixel */
 
 /* alpha = opacity exp(-(across (dx - slope dy)^2 + down dy^2) / 2), capped; pixels and 1/pixels^2. Furthest columns from
