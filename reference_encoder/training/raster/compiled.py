@@ -194,7 +194,7 @@ def sum_by_splat(rows: Tensor, listing: Listing) -> Tensor:
     """(S, wide) sums of the (I, wide) rows of each splat, in the order of their numbers."""
     if len(rows) == 0:
         return rows.new_zeros(len(listing.starts) - 1, rows.shape[1])
-    sums: Tensor = torch.segment_reduce(rows, "sum", lengths=listing.starts.diff(), axis=0, initial=0)
+    sums: Tensor = torch.segment_reduce(rows, "sum", offsets=listing.starts, axis=0, initial=0)
     return sums
 
 

@@ -183,15 +183,15 @@ INLINE int fill_rows(int64_t first, int64_t past, int64_t *rows) {
     return past - first < LANES ? (int)(past - first) : LANES;
 }
 
-/* Fills the colours of splats, of Gaussians `rows` that show. */
-INLINE void find_colours(const Scene *g, const Lens *l, const int64_t *rows, M seen, Splat *splats) {
+/* Fills the colours of splats, of those of LANES Gaussians `rows` whose bits are set. */
+INLINE void find_colours(const Scene *g, const Lens *l, const int64_t *rows, uint32_t seen, Splat *splats) {
     V basis[16], away[3];
     if (!g->colours) {
         for (int k = 0; k < 3; k++) away[k] = narrowed(gather_doubles(g->centres + k, rows) - l->eye[k]);
         harmonic_basis(away[0], away[1], away[2], (int)g->degree, basis);
     }
-    for (int j = 0; j < LANES; j++) {
-        if (!seen[j]) continue;
+    for (; seen; seen &= seen - 1, splats++) {
+        int j = __builtin_ctz(seen);
         if (g->colours) {
             memcpy(&splats->red, g->colours + 3 * rows[j], 3 * sizeof(float));
         } else {
@@ -199,7 +199,6 @@ INLINE void find_colours(const Scene *g, const Lens *l, const int64_t *rows, M s
             harmonic_colour(g->harmonics + 3 * g->coefficients * rows[j], basis, j, (int)g->degree, colour);
             for (int k = 0; k < 3; k++) (&splats->red)[k] = colour[k] > 0 ? colour[k] : 0;
         }
-        splats++;
     }
 }
 
@@ -208,23 +207,22 @@ WIDE static int64_t find_splats(const Scene *g, const Lens *l, const int32_t *fo
                                 Splat *splats, int32_t *numbers) {
     int64_t filled = 0;
     for (int64_t k = 0; k < count; k += LANES) {
-        int64_t rows[LANES], first = filled;
+        int64_t rows[LANES];
         Group some;
         V e[7] = {0};
         int here = fill_rows(k, count, rows);
         for (int j = 0; j < LANES; j++) rows[j] = found[rows[j]];
         look_at(g, l, rows, &some);
-        M seen = see(l, &some, gather(g->opacities, 1, rows), e);
-        for (int j = 0; j < LANES; j++) {
-            if (j >= here) seen[j] = 0;
-            if (!seen[j]) continue;
+        uint32_t seen = signs(see(l, &some, gather(g->opacities, 1, rows), e)) & ((1u << here) - 1);
+        if (!seen) continue;
+        find_colours(g, l, rows, seen, splats + filled);
+        for (; seen; seen &= seen - 1, filled++) {
+            int j = __builtin_ctz(seen);
             Splat *s = splats + filled;
             s->mean_x = some.mean[0][j], s->mean_y = some.mean[1][j], s->ellipse = ellipse_of(e, j);
             numbers[filled] = (int32_t)rows[j];
             entries[filled] = (uint64_t)key_of(some.local[2][j]) << 32 | (uint64_t)filled;
-            filled++;
         }
-        if (filled > first) find_colours(g, l, rows, seen, splats + first);
     }
     return filled;
 }
