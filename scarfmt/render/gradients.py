@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from scarfmt.arrays import F32, I32, I64
+from scarfmt.arrays import F32, I64
 from scarfmt.errors import InvalidInput
 from scarfmt.render.camera import Camera
 from scarfmt.render.native.binding import COLOUR, GRADIENTS, LOG_OPACITY, Lens, Scene, load

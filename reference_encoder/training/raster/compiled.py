@@ -13,7 +13,7 @@ import torch
 from torch import Tensor
 
 from scarfmt.render.camera import Camera
-from scarfmt.render.native.binding import ELLIPSE, GRADIENTS, SPLAT, TILE, Job, Lens, Scene, load
+from scarfmt.render.native.binding import GRADIENTS, SPLAT, TILE, Job, Lens, Scene, load
 
 
 @dataclass(frozen=True)

@@ -17,8 +17,8 @@ INTERFACE = 4
 """The number of the interface in composite.c."""
 TILE = 16
 """Pixels of a tile, each way."""
-ELLIPSE, SPLAT, GRADIENTS, MEASURES = 7, 12, 9, 3
-"""Floats of an `Ellipse` and a `Splat`, and of what the passes leave for an intersection."""
+SPLAT, GRADIENTS, MEASURES = 12, 9, 3
+"""Floats of a `Splat`, and of what the passes leave for an intersection."""
 LOG_OPACITY, COLOUR = 8, slice(9, 12)
 """The floats of a `Splat` that are its opacity, to the base of 2, and its colour."""
 
