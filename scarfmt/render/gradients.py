@@ -15,7 +15,7 @@ import numpy as np
 from scarfmt.arrays import F32, I64
 from scarfmt.errors import InvalidInput
 from scarfmt.render.camera import Camera
-from scarfmt.render.native.binding import COLOUR, GRADIENTS, LOG_OPACITY, Lens, Scene, load
+from scarfmt.render.native.binding import BLEND, COLOUR, GRADIENTS, LOG_OPACITY, UNBLEND, Lens, Scene, load
 from scarfmt.render.projection import Drawable, Projected, address, addresses, list_tiles, project
 from scarfmt.render.rasterise import job_of
 
@@ -101,10 +101,10 @@ def _by_splats(seen: Projected, camera: Camera, target: F32) -> tuple[float, _By
     job, image = job_of(seen.splats, listing, camera), np.empty(target.shape, np.float32)
     left, drawn = np.empty(target.shape[:2], np.float32), np.empty(job.tiles, np.int32)
     job.image, job.transmittance, job.drawn = address(image), address(left), address(drawn)
-    library.scar_composite(byref(job), byref(c_int64(0)))
+    library.scar_composite(byref(job), BLEND, byref(c_int64(0)))
     towards, parts = image - target.astype(np.float32), np.empty((len(listing.owners), GRADIENTS), np.float32)
     job.towards, job.gradients = address(towards), address(parts)
-    library.scar_composite_back(byref(job), byref(c_int64(0)))
+    library.scar_composite(byref(job), UNBLEND, byref(c_int64(0)))
     by = _BySplats(*(np.empty(shape, np.float32) for shape in ((count, 3), (count, 2), count, (count, 3))))
     given = parts, listing.starts, seen.order.astype(np.int64), seen.splats
     library.scar_composite_gather(*addresses(*given), 0, count, *addresses(*vars(by).values()))

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from scarfmt.arrays import F32, F64, I64
 from scarfmt.render.camera import Camera
-from scarfmt.render.native.binding import COLOUR, MEASURES, Job, load
+from scarfmt.render.native.binding import BLEND, COLOUR, MEASURE, MEASURES, Job, load
 from scarfmt.render.projection import Drawable, Listing, address, addresses, checked_colours, list_tiles, project
 from scarfmt.render.threads import each_view
 from scarfmt.scene.gaussians import GaussianScene
@@ -76,7 +76,7 @@ def _drawn(splats: F32, listing: Listing, camera: Camera, background: Sequence[f
     left, drawn = np.empty(image.shape[:2], np.float32), np.empty(job.tiles, np.int32)
     job.background = (c_float * 3)(*background)
     job.image, job.transmittance, job.drawn = address(image), address(left), address(drawn)
-    load().scar_composite(byref(job), byref(c_int64(0)))
+    load().scar_composite(byref(job), BLEND, byref(c_int64(0)))
     return image
 
 
@@ -145,7 +145,7 @@ def _measured(splats: F32, listing: Listing, camera: Camera) -> F64:
     measures, sums = np.empty((parts, MEASURES), np.float32), np.empty((len(splats), MEASURES))
     job.weights, job.drawn, job.measures = address(weights), address(drawn), address(measures)
     library = load()
-    library.scar_composite_measure(byref(job), byref(c_int64(0)))
+    library.scar_composite(byref(job), MEASURE, byref(c_int64(0)))
     given = weights, measures, listing.starts
     library.scar_composite_measures(*addresses(*given), len(splats), address(sums))
     return sums

@@ -13,7 +13,7 @@ import torch
 from torch import Tensor
 
 from scarfmt.render.camera import Camera
-from scarfmt.render.native.binding import GRADIENTS, SPLAT, TILE, Job, Lens, Scene, load
+from scarfmt.render.native.binding import BLEND, GRADIENTS, SPLAT, TILE, UNBLEND, Job, Lens, Scene, load
 
 
 @dataclass(frozen=True)
@@ -184,10 +184,10 @@ def _job(camera: Camera, prepared: Prepared, background: Tensor) -> Job:
     return job
 
 
-def _on_tiles(name: str, job: Job) -> None:
+def _on_tiles(work: int, job: Job) -> None:
     """Have all threads take tiles from one counter until none is left."""
-    counter, function = c_int64(0), getattr(load(), name)
-    on_threads(lambda *_: function(byref(job), byref(counter)), job.tiles)
+    counter, function = c_int64(0), load().scar_composite
+    on_threads(lambda *_: function(byref(job), work, byref(counter)), job.tiles)
 
 
 def sum_by_splat(rows: Tensor, listing: Listing) -> Tensor:
@@ -228,7 +228,7 @@ class _Composite(torch.autograd.Function):
         job = _job(camera, prepared, background)
         job.image, job.transmittance, job.weights = pointer(image), pointer(left), pointer(parts)
         job.drawn = pointer(drawn, torch.int32)
-        _on_tiles("scar_composite", job)
+        _on_tiles(BLEND, job)
         weights = sum_by_splat(parts, prepared.listing)[:, 0]
         ctx.save_for_backward(background, image)
         ctx.state, ctx.count = (left, drawn, prepared, camera), len(means)
@@ -244,7 +244,7 @@ class _Composite(torch.autograd.Function):
         job = _job(camera, prepared, background)
         job.image, job.drawn = pointer(image), pointer(drawn, torch.int32)
         job.towards, job.gradients = pointer(towards), pointer(parts)
-        _on_tiles("scar_composite_back", job)
+        _on_tiles(UNBLEND, job)
         to_ellipses, to_means, to_opacities, to_colours = _gather(prepared, ctx.count, parts)
         to_background = (towards * left[..., None]).sum((0, 1)) if ctx.needs_input_grad[4] else None
         return to_means, to_ellipses, to_opacities, to_colours, to_background, None, None

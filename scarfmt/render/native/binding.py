@@ -17,6 +17,8 @@ INTERFACE = 4
 """The number of the interface in composite.c."""
 TILE = 16
 """Pixels of a tile, each way."""
+BLEND, MEASURE, UNBLEND = range(3)
+"""What `scar_composite` does to tiles, as composite.h says."""
 SPLAT, GRADIENTS, MEASURES = 12, 9, 3
 """Floats of a `Splat`, and of what the passes leave for an intersection."""
 LOG_OPACITY, COLOUR = 8, slice(9, 12)
@@ -113,9 +115,7 @@ _SIGNATURES: dict[str, tuple[type | None, list[type]]] = {
     "scar_project_back": (None, [POINTER(Scene), POINTER(Lens), c_void_p, c_int64, c_int64, *[c_void_p] * 5]),
     "scar_count_tiles": (None, [c_void_p, c_int64, c_int64, c_int64, *[c_void_p] * 3]),
     "scar_list_tiles": (None, [c_void_p, c_int64, c_int64, *[c_void_p] * 3]),
-    "scar_composite": (None, [POINTER(Job), POINTER(c_int64)]),
-    "scar_composite_measure": (None, [POINTER(Job), POINTER(c_int64)]),
-    "scar_composite_back": (None, [POINTER(Job), POINTER(c_int64)]),
+    "scar_composite": (None, [POINTER(Job), c_int64, POINTER(c_int64)]),
     "scar_composite_measures": (None, [*[c_void_p] * 3, c_int64, c_void_p]),
     "scar_composite_gather": (None, [*[c_void_p] * 4, c_int64, c_int64, *[c_void_p] * 4]),
 }

@@ -18,25 +18,18 @@ static int plain = 0;
 /* Whether to do without wide vectors, which are as exact, and faster. */
 EXPORT void scar_render_plainly(int64_t wanted) { plain = wanted != 0; }
 
-static const Tiles *tiles_at_hand(void) {
+static const Pass *tiles_at_hand(void) {
 #if WIDE_TILES
-    if (!plain && __builtin_cpu_supports("avx2")) return &tiles_avx2;
+    if (!plain && __builtin_cpu_supports("avx2")) return tiles_avx2;
 #endif
-    return &tiles_plain;
+    return tiles_plain;
 }
 
-static void each_tile(const Job *job, int64_t *next, void (*work)(const Job *, int64_t)) {
+/* Does one of the passes over the tiles that it takes: numbers from `next` up. */
+EXPORT void scar_composite(const Job *job, int64_t pass, int64_t *next) {
+    Pass work = tiles_at_hand()[pass];
     for (int64_t tile; (tile = __atomic_fetch_add(next, 1, __ATOMIC_RELAXED)) < job->tiles;) work(job, tile);
 }
-
-/* Fills image, transmittance, weights (unless null) and drawn of the tiles that it takes: numbers from `next` up. */
-EXPORT void scar_composite(const Job *job, int64_t *next) { each_tile(job, next, tiles_at_hand()->blend); }
-
-/* Fills weights, drawn and measures of the tiles that it takes. */
-EXPORT void scar_composite_measure(const Job *job, int64_t *next) { each_tile(job, next, tiles_at_hand()->measure); }
-
-/* Fills the gradients of the tiles that it takes; the picture and `drawn` are those that scar_composite left. */
-EXPORT void scar_composite_back(const Job *job, int64_t *next) { each_tile(job, next, tiles_at_hand()->unblend); }
 
 /* Fills the gradients of what splats `first` to `past` were made of, from the gradients of their intersections: of the
 ellipses (across, slope, down) in the order of the splats, of the others where `which` says. */

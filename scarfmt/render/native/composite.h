@@ -38,16 +38,15 @@ typedef struct {
                                  |c - c_behind|^2, and the largest w, for weights w, colours c and what is behind */
 } Job;
 
-/* What is done to a tile, with the vectors of some processor. */
-typedef struct {
-    void (*blend)(const Job *job, int64_t tile);   /* fills image, transmittance, weights and drawn */
-    void (*measure)(const Job *job, int64_t tile); /* fills weights, drawn and measures */
-    void (*unblend)(const Job *job, int64_t tile); /* fills gradients; the picture and drawn are those that blend left */
-} Tiles;
+/* What is done to a tile: BLEND fills image, transmittance, weights (unless null) and drawn; MEASURE weights, drawn and
+measures; UNBLEND the gradients, from the picture and drawn that BLEND left. */
+typedef void (*Pass)(const Job *job, int64_t tile);
+enum { BLEND, MEASURE, UNBLEND, PASSES };
 
-extern const Tiles tiles_plain;
+/* With the vectors of some processor. */
+extern const Pass tiles_plain[PASSES];
 #if WIDE_TILES
-extern const Tiles tiles_avx2;
+extern const Pass tiles_avx2[PASSES];
 #endif
 
 #endif

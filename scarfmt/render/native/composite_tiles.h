@@ -321,4 +321,4 @@ static void __attribute__((TARGET)) unblend_tile(const Job *job, int64_t tile) {
     for (; k < past; k++) memset(job->gradients + GRADIENTS * (int64_t)job->listed[k], 0, GRADIENTS * sizeof(float));
 }
 
-const Tiles TILES = {blend_tile, measure_tile, unblend_tile};
+const Pass TILES[PASSES] = {[BLEND] = blend_tile, [MEASURE] = measure_tile, [UNBLEND] = unblend_tile};

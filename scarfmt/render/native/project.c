@@ -4,7 +4,6 @@ INRIA's 3D Gaussian Splatting. LANES Gaussians at a time; every number is what o
 #include <math.h>
 #include <string.h>
 
-#include "harmonics.h"
 #include "numbers.h"
 #include "raster.h"
 #include "vectors.h"
@@ -12,6 +11,7 @@ INRIA's 3D Gaussian Splatting. LANES Gaussians at a time; every number is what o
 #define TINY 1.17549435e-38f
 
 typedef double D __attribute__((vector_size(8 * LANES)));
+typedef float Four __attribute__((vector_size(16)));
 
 /* LANES Gaussians seen by a camera. */
 typedef struct {
@@ -59,13 +59,7 @@ INLINE V clamped(V value, float limit) {
     return where(value < -limit, all(-limit), where(value > limit, all(limit), value));
 }
 
-/* The mean in the picture; of what is not in front of the camera, some number. */
-INLINE void find_mean(const Lens *l, Group *g) {
-    V per_z = 1.0f / where(g->local[2] > l->near, g->local[2], all(1.0f));
-    g->mean[0] = g->local[0] * per_z * l->fx + l->cx, g->mean[1] = g->local[1] * per_z * l->fy + l->cy;
-}
-
-/* Gaussians `rows`, with the camera's axes. */
+/* Gaussians `rows`, with the camera's axes; the mean in the picture of what is not in front of the camera is some number. */
 INLINE void look_at(const Scene *s, const Lens *l, const int64_t *rows, Group *g) {
     const D x = gather_doubles(s->centres, rows), y = gather_doubles(s->centres + 1, rows),
             z = gather_doubles(s->centres + 2, rows);
@@ -75,7 +69,8 @@ INLINE void look_at(const Scene *s, const Lens *l, const int64_t *rows, Group *g
         g->scales[k] = gather(s->scales + k, 3, rows);
     }
     for (int k = 0; k < 4; k++) g->quaternion[k] = gather(s->rotations + k, 4, rows);
-    find_mean(l, g);
+    V per_z = 1.0f / where(g->local[2] > l->near, g->local[2], all(1.0f));
+    g->mean[0] = g->local[0] * per_z * l->fx + l->cx, g->mean[1] = g->local[1] * per_z * l->fy + l->cy;
 }
 
 INLINE void turn(const V *quaternion, Shape *s) {
@@ -126,13 +121,6 @@ INLINE M touches(V mean, V half, float size) {
     return inside & (rounded_down(where(inside, smaller(high, all(size - 1)), all(0))) >= low);
 }
 
-/* Whether no ellipse of a Gaussian touches the picture along one axis: size pixels, the variance of its longest axis. */
-INLINE M misses(V mean, V slope, float limit, V focal, float size, V variance, V reach, float dilation) {
-    V tangent = clamped(slope, limit), beyond = magnitude(mean - size / 2) - size / 2 - BOUND_SLACK;
-    V furthest = 1.0001f * reach * (focal * focal * (1.0f + tangent * tangent) * variance + dilation);
-    return (beyond > 0) & (beyond * beyond > furthest);
-}
-
 /* The logarithms to the base of 2. */
 INLINE V log2_of_each(V a) {
     float each[LANES];
@@ -144,12 +132,8 @@ INLINE V log2_of_each(V a) {
 /* Fills ellipses, each LANES numbers of every member; not of those that do not show, or where anything is not a number.
 Returns which do. */
 INLINE M see(const Lens *l, const Group *g, V opacity, V *e) {
-    V z = g->local[2], per_z = 1.0f / z;
+    V z = g->local[2];
     M seen = (z > l->near) & (z < INFINITY) & (opacity >= l->min_alpha);
-    V log_opacity = log2_of_each(opacity), reach = 1.38629436f * (log_opacity - l->log_min_alpha);
-    V largest = larger(larger(g->scales[0], g->scales[1]), g->scales[2]), variance = largest * largest;
-    seen &= ~misses(g->mean[0], g->local[0] * per_z, l->limit_x, l->fx * per_z, l->width, variance, reach, l->dilation);
-    seen &= ~misses(g->mean[1], g->local[1] * per_z, l->limit_y, l->fy * per_z, l->height, variance, reach, l->dilation);
     if (!signs(seen)) return seen;
     Shape s;
     find_shape(l, g, &s);
@@ -157,8 +141,8 @@ INLINE M see(const Lens *l, const Group *g, V opacity, V *e) {
     if (l->antialiased) { /* Mip-Splatting (Yu et al. 2024), equation 10 */
         opacity *= root(s.undilated / s.determinant);
         seen &= opacity >= l->min_alpha;
-        log_opacity = log2_of_each(opacity), reach = 1.38629436f * (log_opacity - l->log_min_alpha);
     }
+    V log_opacity = log2_of_each(opacity), reach = 1.38629436f * (log_opacity - l->log_min_alpha);
     V half_x = root(reach * s.xx) + BOUND_SLACK, half_y = root(reach * s.yy) + BOUND_SLACK;
     const V ellipses[] = {s.across, s.slope, s.down, root(reach / s.across), half_x, half_y, log_opacity};
     memcpy(e, ellipses, sizeof ellipses);
@@ -181,6 +165,49 @@ static uint32_t key_of(float depth) {
 INLINE int fill_rows(int64_t first, int64_t past, int64_t *rows) {
     for (int j = 0; j < LANES; j++) rows[j] = first + j < past ? first + j : past - 1;
     return past - first < LANES ? (int)(past - first) : LANES;
+}
+
+/* Of spherical harmonics, INRIA's order and signs: fills what ((degree + 1)^2) coefficients count for along directions of any length. */
+INLINE void harmonic_basis(V x, V y, V z, int degree, V *basis) {
+    V per = 1.0f / root(x * x + y * y + z * z);
+    x *= per, y *= per, z *= per;
+    V xx = x * x, yy = y * y, zz = z * z;
+    basis[0] = all(0.28209479f);
+    if (degree > 0) {
+        basis[1] = -0.48860251f * y;
+        basis[2] = 0.48860251f * z;
+        basis[3] = -0.48860251f * x;
+    }
+    if (degree > 1) {
+        basis[4] = 1.09254843f * x * y;
+        basis[5] = -1.09254843f * y * z;
+        basis[6] = 0.31539157f * (2.0f * zz - xx - yy);
+        basis[7] = -1.09254843f * x * z;
+        basis[8] = 0.54627422f * (xx - yy);
+    }
+    if (degree > 2) {
+        basis[9] = -0.59004359f * y * (3.0f * xx - yy);
+        basis[10] = 2.89061144f * x * y * z;
+        basis[11] = -0.4570458f * y * (4.0f * zz - xx - yy);
+        basis[12] = 0.37317633f * z * (2.0f * zz - 3.0f * xx - 3.0f * yy);
+        basis[13] = -0.4570458f * x * (4.0f * zz - xx - yy);
+        basis[14] = 1.44530572f * z * (xx - yy);
+        basis[15] = -0.59004359f * x * (xx - 3.0f * yy);
+    }
+}
+
+/* Fills red, green and blue from ((degree + 1)^2, 3) coefficients, by one of the directions. */
+INLINE void harmonic_colour(const float *coefficients, const V *basis, int lane, int degree, float *colour) {
+    int last = (degree + 1) * (degree + 1) - 1;
+    const float *end = coefficients + 3 * last;
+    Four sum = {0.5f, 0.5f, 0.5f, 0};
+    sum += basis[last][lane] * (Four){end[0], end[1], end[2], 0};
+    for (int k = 0; k < last; k++) {
+        Four value; /* the fourth number is the next one's */
+        memcpy(&value, coefficients + 3 * k, sizeof value);
+        sum += basis[k][lane] * value;
+    }
+    memcpy(colour, &sum, 3 * sizeof(float));
 }
 
 /* Fills the colours of splats, of those of LANES Gaussians `rows` whose bits are set. */

@@ -13,7 +13,7 @@ import torch
 
 from reference_encoder.training import run
 from reference_encoder.training.raster import cuda
-from scarfmt.render.native.binding import Job, load
+from scarfmt.render.native.binding import BLEND, UNBLEND, Job, load
 from tests.reference_encoder.training.elsewhere import Tensor, elsewhere
 
 _LISTS = ("splats", "offsets", "listed", "owners")
@@ -23,12 +23,12 @@ class Kernel:
     """Called like a Triton kernel.
 
     Args:
-        name: of the function of the library.
+        work: what `scar_composite` does to tiles.
         fields: of its `Job`, in the order of the kernel's own arguments.
     """
 
-    def __init__(self, name: str, fields: tuple[str, ...]) -> None:
-        self.name, self.fields = name, (*_LISTS, *fields)
+    def __init__(self, work: int, fields: tuple[str, ...]) -> None:
+        self.work, self.fields = work, (*_LISTS, *fields)
 
     def __getitem__(self, grid: tuple[int]) -> Callable[..., None]:
         """For so many tiles."""
@@ -41,7 +41,7 @@ class Kernel:
                 assert isinstance(tensor, Tensor)
                 assert tensor.held.is_contiguous()
                 self._give(job, field, tensor.held)
-            getattr(load(), self.name)(byref(job), byref(c_int64(0)))
+            load().scar_composite(byref(job), self.work, byref(c_int64(0)))
 
         return run
 
@@ -52,8 +52,8 @@ class Kernel:
             setattr(job, field, numbers.data_ptr())
 
 
-blend = Kernel("scar_composite", ("background", "image", "transmittance", "weights", "drawn"))
-unblend = Kernel("scar_composite_back", ("image", "towards", "drawn", "gradients"))
+blend = Kernel(BLEND, ("background", "image", "transmittance", "weights", "drawn"))
+unblend = Kernel(UNBLEND, ("image", "towards", "drawn", "gradients"))
 
 
 @contextmanager
