@@ -11,6 +11,7 @@ good enough (0060-fewest-classes.md) to the judge of files (0062-one-judge.md).
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cache, cached_property
@@ -227,8 +228,9 @@ def find_first_layer(costs: LayerCosts, metric: PreviewMetric, quality: float, s
 
 
 def _rate_once(costs: LayerCosts, metric: PreviewMetric) -> Rating:
-    """How good choices look, dB; each is looked at once."""
-    return cache(lambda choice: metric(costs.steps(choice), choice.parts))
+    """How good choices look, dB; each is looked at once, whatever lambdas lead to the same steps."""
+    look = cache(lambda steps, parts: metric(list(steps), parts))
+    return lambda choice: look(tuple(costs.steps(choice)), choice.parts)
 
 
 def _find_smallest(
@@ -244,12 +246,12 @@ def _find_smallest(
         finest = costs.affordable(kind, most)
         return finest and replace(kind, lambda_=max(finest.lambda_, usual))
 
-    def enough(index: int) -> bool:
+    def excess(index: int) -> float:
         choice = usually(kinds[index])
         # What is out of reach is too much, not too little: smaller ones are looked for before it.
-        return choice is None or rate(choice) >= wanted
+        return math.inf if choice is None else rate(choice) - wanted
 
-    index = _first_that(len(kinds), enough)
+    index = _find_sign_change(len(kinds), excess)
     choice = usually(kinds[index]) if index < len(kinds) else None
     if choice is None:
         return None
@@ -266,16 +268,27 @@ def _coarsen(costs: LayerCosts, rate: Rating, choice: LayerChoice, wanted: float
     """The layer like `choice`, which looks good enough, with about the largest lambda that still does."""
     coarser = [replace(choice, lambda_=float(each)) for each in costs.lambdas if each > choice.lambda_]
     rising = [choice, *coarser[:COARSER_LAMBDAS]]
-    return rising[_first_that(len(rising) - 1, lambda index: rate(rising[index + 1]) < wanted)]
+    return rising[_find_sign_change(len(rising) - 1, lambda index: wanted - rate(rising[index + 1]))]
 
 
-def _first_that(count: int, holds: Callable[[int], bool]) -> int:
-    """The first of 0.. for which `holds`, `count` if there is none; once it holds, it is taken to hold on."""
-    low, high = 0, count
-    while low < high:
-        middle = (low + high) // 2
-        low, high = (low, middle) if holds(middle) else (middle + 1, high)
-    return low
+def _find_sign_change(count: int, function: Callable[[int], float]) -> int:
+    """The first of 0.. where a rising function is not negative, `count` if it is negative everywhere.
+
+    By false position, each value computed once; by halves as long as only one sign is known, and after a step that kept
+    more than half of the interval.
+    """
+    low, high, below, above, slow = -1, count, -math.inf, math.inf, False
+    while high - low > 1:
+        width, known = high - low, math.isfinite(above - below)
+        part = -below / (above - below) if known and not slow else 0.5
+        here = min(max(round(low + width * part), low + 1), high - 1)
+        value = function(here)
+        if value < 0:
+            low, below = here, value
+        else:
+            high, above = here, value
+        slow = known and not slow and 2 * (high - low) > width
+    return high
 
 
 def find_later_layers(costs: LayerCosts, metric: PreviewMetric, first: LayerChoice, layers: int) -> list[LayerChoice]:
