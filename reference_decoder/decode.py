@@ -6,11 +6,9 @@ decodes where there is one; what it refuses is read again by the definition in N
 
 from __future__ import annotations
 
-import os
 import zlib
 from collections import deque
 from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
-from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, TypeVar
@@ -33,9 +31,9 @@ from scarfmt.native.file import NativeFile, NativeTile
 from scarfmt.scene.description import Description
 from scarfmt.scene.gaussians import AnchorModel, GaussianScene
 from scarfmt.scene.streams import ATTRIBUTES
+from scarfmt.threads import map_threads
 
 Box = tuple[Sequence[float], Sequence[float]]
-T = TypeVar("T")
 M = TypeVar("M", Decoded, GaussianScene)
 
 
@@ -51,8 +49,8 @@ class DecodeRequest:
         attributes: names of `scarfmt.scene.streams.ATTRIBUTES`; None for all. Classes and lattice positions are
             always read.
         limits: what to accept of the file (SPEC §13).
-        threads: tiles decoded side by side, 1 or more; the result does not depend on it. None for as many as the
-            process may use processors.
+        threads: tiles decoded side by side, 1 or more; the result does not depend on it. None for
+            :func:`scarfmt.threads.count_threads`.
         allow_truncated: use the whole layers of a file cut short instead of refusing it.
         native: whether the C library decodes where there is one; the result does not depend on it.
     """
@@ -286,11 +284,9 @@ class Decoding:
 
     def _fill(self, rooms: Iterable[M]) -> Iterator[M]:
         """The rooms of the tiles, in order, filled in on as many threads as were requested."""
-        affinity = getattr(os, "sched_getaffinity", None)  # not on all systems
-        processors = len(affinity(0)) if affinity is not None else os.cpu_count() or 1
         tiles = zip(self.tiles, self.reader.supply(self.layers, self.tiles, self.streams), rooms, strict=True)
         try:
-            for blocks, made in _side_by_side(self._fill_one, tiles, self.request.threads or processors):
+            for blocks, made in map_threads(self._fill_one, tiles, self.request.threads):
                 entries = [entry for entry, _ in blocks if entry is not None]
                 self.counters.tile_blocks += len(entries)
                 self.counters.tiles += 1
@@ -301,7 +297,8 @@ class Decoding:
             self.counters.bytes_read += source.bytes_read - self._read_before[0]
             self.counters.reads += source.reads - self._read_before[1]
 
-    def _fill_one(self, tile: int, blocks: TileBlocks, out: M) -> tuple[TileBlocks, M]:
+    def _fill_one(self, given: tuple[int, TileBlocks, M]) -> tuple[TileBlocks, M]:
+        tile, blocks, out = given
         found = None if self._native is None else self._native_tile(self._native, tile, blocks)
         if found is not None and isinstance(out, GaussianScene):
             found.put(out)
@@ -360,24 +357,3 @@ def check_gathered(anchors: int, slots: int, limits: Limits) -> None:
             message = f"{number} {what} at once, this reader's limit is {most}: decode a region, fewer layers, or "
             raise LimitExceeded("limit-gathered", f"{message}tile by tile (iter_tiles), or raise it")
 
-
-def _side_by_side(
-    act: Callable[..., T], arguments: Iterable[tuple[Any, ...]], threads: int
-) -> Iterator[T]:
-    """The result of `act` for each of the arguments, in order, on so many threads."""
-    if threads <= 1:
-        yield from (act(*each) for each in arguments)
-        return
-    with ThreadPoolExecutor(threads) as pool:
-        ahead: deque[Future[T]] = deque()
-        try:
-            for each in arguments:
-                ahead.append(pool.submit(act, *each))
-                # A slow consumer must not let all tiles of a scene pile up.
-                if len(ahead) > 2 * threads:
-                    yield ahead.popleft().result()
-            while ahead:
-                yield ahead.popleft().result()
-        finally:
-            for made in ahead:
-                made.cancel()

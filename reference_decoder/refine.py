@@ -23,9 +23,9 @@ from scarfmt.render.camera import Camera
 from scarfmt.render.gradients import Gradients, gradients
 from scarfmt.render.projection import Drawable
 from scarfmt.render.rasterise import render
-from scarfmt.render.threads import each_view
 from scarfmt.scene.gaussians import AnchorModel, GaussianScene
 from scarfmt.scene.placement import sh_basis
+from scarfmt.threads import map_threads
 
 _SAMPLES = 1 << 17
 """Pixels of a step, about."""
@@ -86,7 +86,7 @@ def _pictures(model: AnchorModel, views: Sequence[Camera]) -> Iterator[tuple[Cam
         seen = gaussians(model, view.centre)
         return view, render(seen.scene, view, colours=seen.colours)
 
-    return each_view(exact, views)
+    return map_threads(exact, views)
 
 
 @dataclass(frozen=True)

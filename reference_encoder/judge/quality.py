@@ -33,8 +33,8 @@ from scarfmt.render.camera import Camera
 from scarfmt.render.metrics import psnr
 from scarfmt.render.projection import Drawable
 from scarfmt.render.rasterise import render
-from scarfmt.render.threads import each_view
 from scarfmt.scene.gaussians import GaussianScene
+from scarfmt.threads import map_threads
 
 S = TypeVar("S")
 View = Callable[[Camera], F32]
@@ -208,7 +208,7 @@ class Judge(Generic[S]):
         """With pictures of `scene`, which are drawn here."""
         draw = view(scene)
         pictures = {
-            kind: list(zip(cameras, each_view(draw, cameras), strict=True)) for kind, cameras in views.cameras.items()
+            kind: list(zip(cameras, map_threads(draw, cameras), strict=True)) for kind, cameras in views.cameras.items()
         }
         # Where no view shows much, those that show anything are all there is.
         shown = _views_that(shows_something, pictures) or _views_that(np.any, pictures)
@@ -242,5 +242,5 @@ def _views_that(show: Callable[[F32], Any], pictures: Pictures) -> Pictures:
 
 def _decibels(draw: View, pairs: Sequence[tuple[Camera, F32]]) -> Iterator[float]:
     """PSNR of what `draw` draws from each camera against the picture beside it, dB."""
-    drawn = each_view(draw, [camera for camera, _ in pairs])
+    drawn = map_threads(draw, [camera for camera, _ in pairs])
     return (psnr(picture, truth) for picture, (_, truth) in zip(drawn, pairs, strict=True))

@@ -25,8 +25,8 @@ from reference_encoder.tuning import JUDGED_ROWS, LEAST_COVER
 from scarfmt.arrays import F32, F64, I64
 from scarfmt.render.camera import Camera
 from scarfmt.render.rasterise import render, render_with
-from scarfmt.render.threads import each_view
 from scarfmt.scene.gaussians import GaussianScene
+from scarfmt.threads import map_threads
 
 
 @dataclass(frozen=True)
@@ -84,7 +84,7 @@ def render_pictures(
     own = np.ones((len(drawable.scene), 3))
     own[len(scene) :, 0] = 0
     shown, cover = [], []
-    for picture, whose in each_view(partial(render_with, drawable, colours=own), looked):
+    for picture, whose in map_threads(partial(render_with, drawable, colours=own), looked):
         here, whole, _ = whose.sum(axis=(0, 1), dtype=np.float64)
         shown.append(picture)
         cover.append(here / max(whole, 1e-300) * shows_something(picture))
@@ -108,7 +108,7 @@ def judge(overview: Overview, fit: Fit, part: Range, shown: Pictures) -> F64:
     finished = reconstruct_gaussians(whole) if whole.tiles else shown.scene.rows(slice(0, 0))
     cameras = cameras_of(overview, shown.view_set)
     error, cover = np.zeros(len(cameras)), np.zeros(len(cameras))
-    drawn = each_view(partial(render, overview.drawn(part, finished, shown.runs)), [cameras[k] for k in shown.views])
+    drawn = map_threads(partial(render, overview.drawn(part, finished, shown.runs)), [cameras[k] for k in shown.views])
     for view, picture, truth in zip(shown.views, drawn, shown.pictures, strict=True):
         error[view] = float(((np.clip(picture, 0, 1).astype(np.float64) - np.clip(truth, 0, 1)) ** 2).mean())
     cover[shown.views] = shown.cover

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from concurrent.futures import ThreadPoolExecutor
+from collections import deque
 
 import numpy as np
 
 from reference_encoder.tuning import ROUNDING_ROUNDS
 from scarfmt.arrays import F64, I64
-from scarfmt.render.threads import count_threads
+from scarfmt.threads import map_threads
 
 _MOST_VALUES = 1 << 16
 """A column with a wider range is simply rounded: its histogram would say nothing."""
@@ -36,8 +36,7 @@ def round_values(values: F64, weight: F64, classes: I64, lambda_: float, units: 
         columns = values[:, component], heavy[:, component], steps[:, component]
         _round_column(*columns, order, edges, lambda_, out[:, component])
 
-    with ThreadPoolExecutor(count_threads()) as pool:
-        list(pool.map(fill, range(values.shape[1])))
+    deque(map_threads(fill, range(values.shape[1])), 0)
     return out
 
 

@@ -18,7 +18,7 @@ from torch import Tensor
 from reference_encoder.training.capture import Photo, pixels
 from scarfmt.arrays import U8
 from scarfmt.render.camera import Camera
-from scarfmt.render.threads import count_threads
+from scarfmt.threads import count_threads
 
 _LEAST_HALF = 360
 """Pixels of the longest side of a photo at half its size: what is learnt of smaller ones has to be learnt again."""

@@ -55,7 +55,7 @@ from scarfmt.coding.writer import write_scene
 from scarfmt.container.file import Container
 from scarfmt.container.source import BytesSource
 from scarfmt.errors import InputWarning, plural
-from scarfmt.render.threads import count_threads
+from scarfmt.threads import count_threads
 
 VOXEL = 0.5
 """Edge of a voxel, as a share of the median distance of a starting point to its nearest neighbours."""

@@ -18,8 +18,8 @@ from scarfmt.render.images import read_image
 from scarfmt.render.metrics import psnr, ssim
 from scarfmt.render.projection import Drawable
 from scarfmt.render.rasterise import render
-from scarfmt.render.threads import each_view
 from scarfmt.scene.gaussians import GaussianScene
+from scarfmt.threads import map_threads
 
 # Anything that can be looked at: explicit Gaussians, or a function from camera to picture (anchor models).
 View = GaussianScene | Callable[[Camera], Floats]
@@ -90,7 +90,7 @@ def compare(
         InvalidInput: no cameras.
     """
     draw_a, draw_b = _drawer(a, background), _drawer(b, background)
-    pairs = each_view(lambda camera: (camera.name, draw_a(camera), draw_b(camera)), cameras)
+    pairs = map_threads(lambda camera: (camera.name, draw_a(camera), draw_b(camera)), cameras)
     return compare_pictures(pairs, ssim)
 
 
@@ -125,7 +125,7 @@ def compare_with_photos(
         cameras = [camera for camera in everything if split in ("", camera.split) or not marked]
     folder = (Path(photos) if Path(photos).is_dir() else Path(photos).parent) / "images"
     draw = _drawer(scene, background)
-    pairs = each_view(lambda camera: (camera.name, draw(camera), read_image(folder / camera.name)), cameras)
+    pairs = map_threads(lambda camera: (camera.name, draw(camera), read_image(folder / camera.name)), cameras)
     return compare_pictures(pairs, ssim)
 
 

@@ -18,8 +18,8 @@ from scarfmt.arrays import F32, F64, I64
 from scarfmt.render.camera import Camera
 from scarfmt.render.native.binding import BLEND, COLOUR, MEASURE, MEASURES, Job, load
 from scarfmt.render.projection import Drawable, Listing, address, addresses, checked_colours, list_tiles, project
-from scarfmt.render.threads import each_view
 from scarfmt.scene.gaussians import GaussianScene
+from scarfmt.threads import map_threads
 
 _BLACK = (0.0, 0.0, 0.0)
 
@@ -135,7 +135,7 @@ def contributions_by_view(
         weight_sq, contrast_sq, weight_max = sums[shown].T
         return Contributions(seen.index[shown].astype(np.int64), weight_sq, weight_max, contrast_sq)
 
-    yield from each_view(contributed, cameras)
+    yield from map_threads(contributed, cameras)
 
 
 def _measured(splats: F32, listing: Listing, camera: Camera) -> F64:

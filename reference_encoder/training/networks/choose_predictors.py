@@ -38,8 +38,8 @@ from scarfmt.entropy.keys import TableKey
 from scarfmt.errors import Malformed
 from scarfmt.neural.predicted import Predictors
 from scarfmt.neural.predictors import MAX_INPUTS, Predictor, first_use, input_width
-from scarfmt.render.threads import count_threads
 from scarfmt.scene.model import MAX_CLASSES, LayerRow, SceneModel
+from scarfmt.threads import count_threads
 
 Key = tuple[int, int, int]
 """(stream, component, step)."""
