@@ -23,7 +23,9 @@ _HEAD_BYTES = 4096
 @click.option("--metadata", is_flag=True, help="Also read and show the metadata the file carries.")
 @click.option("--models", is_flag=True, help="Also report models of symbols: tables, predictors, networks.")
 @click.option("--streaming", is_flag=True, help="Also report the data by which clients choose tiles to fetch first.")
-@click.option("--thumbnail", metavar="OUT", help="Also write the small picture in the file, WebP as a rule, to OUT.")
+@click.option(
+    "--thumbnail", metavar="OUT", help="Also write the small picture in the file to OUT, whose ending says the format."
+)
 @click.option("--force", is_flag=True, help="Replace OUT if it exists.")
 @timeout_option
 @reports
@@ -38,7 +40,7 @@ def inspect(file: str, metadata: bool, models: bool, streaming: bool, thumbnail:
       scarfmt inspect scene.scar
       scarfmt inspect https://example.org/scene.scar --metadata
       scarfmt inspect scene.scar --models
-      scarfmt inspect scene.scar --thumbnail scene.webp
+      scarfmt inspect scene.scar --thumbnail scene.png
       scarfmt inspect scene.scar --json | jq '.layers[].end_offset'
     """
     from scarfmt.native.binding import absence, described
@@ -80,6 +82,10 @@ def _write_thumbnail(source: ByteSource, file: str, name: str, force: bool) -> N
     picture = read_thumbnail(Container.open(source, allow_truncated=True))
     if picture is None:
         raise InvalidInput("input-options", f"{file} has no thumbnail", field="--thumbnail")
+    if not name.endswith(".webp"):
+        from scarfmt.render.images import convert_picture
+
+        picture = convert_picture(picture, Path(name).suffix)
     with open_output(name, force) as target:
         target.write(picture)
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -32,6 +33,21 @@ def write_png(path: str | Path, image: NDArray[np.floating]) -> None:
     """
     with atomic_write(path, force=True) as stream:
         Image.fromarray(to_bytes(image)).save(stream, format="PNG")
+
+
+def convert_picture(data: bytes, suffix: str) -> bytes:
+    """A picture file in the format that a name's ending, as ``.jpg``, says: PNG where it says none.
+
+    Raises:
+        InvalidInput: ``input-image``: it is no picture pillow can read.
+    """
+    out, formats = io.BytesIO(), Image.registered_extensions()
+    try:
+        with Image.open(io.BytesIO(data)) as image:
+            image.save(out, formats.get(suffix.lower(), "PNG"))
+    except (OSError, SyntaxError, ValueError, Image.DecompressionBombError) as error:
+        raise InvalidInput("input-image", f"no readable picture ({error}): a name in .webp takes any") from error
+    return out.getvalue()
 
 
 def read_image(path: str | Path) -> F32:

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import io
 import json
 from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from PIL import Image
 
 from fuzz.testing.scenes import random_scene
 from scarfmt.coding.writer import assemble_file, code_blocks, write_scene
@@ -53,6 +55,24 @@ def test_inspect_writes_the_thumbnail(run: Run, tmp_path: Path) -> None:
     assert run("inspect", tmp_path / "with.scar", "--thumbnail", picture).exit_code == 2
     assert run("inspect", tmp_path / "without.scar", "--thumbnail", picture, "--force").exit_code == 2
     assert picture.read_bytes() == b"a picture"
+    assert run("inspect", tmp_path / "with.scar", "--thumbnail", tmp_path / "picture.png").exit_code == 1
+    assert not (tmp_path / "picture.png").exists()
+
+
+@pytest.mark.parametrize(("name", "format_"), [("picture.png", "PNG"), ("picture", "PNG"), ("picture.jpg", "JPEG")])
+def test_inspect_writes_the_thumbnail_in_the_format_of_the_name(
+    run: Run, tmp_path: Path, name: str, format_: str
+) -> None:
+    """Whatever the file holds. File managers (`examples/desktop`) want PNG under a name without an ending."""
+    drawn, stored = Image.new("RGB", (6, 4), (0, 90, 200)), io.BytesIO()
+    drawn.save(stored, "WEBP", lossless=True)
+    scene = random_scene(2, sh_degree=1)
+    blocks = [*code_blocks(scene), Block(BlockKind.THUMBNAIL, 1, stored.getvalue())]
+    (tmp_path / "scene.scar").write_bytes(assemble_file(scene, blocks))
+    assert run("inspect", tmp_path / "scene.scar", "--thumbnail", tmp_path / name).exit_code == 0
+    with Image.open(tmp_path / name) as picture:
+        assert (picture.format, picture.size) == (format_, drawn.size)
+        assert format_ != "PNG" or picture.tobytes() == drawn.tobytes()
 
 
 def test_inspect_tells_of_models(run: Run, explicit_scar: Path) -> None:
