@@ -90,6 +90,18 @@ def test_first_picture_is_good_enough_and_no_smaller_one_is(costs: LayerCosts) -
     assert costs.bits(found) <= 1.1 * min(good)
 
 
+def test_first_picture_takes_few_looks_and_none_twice(costs: LayerCosts) -> None:
+    """Of a thousand layers that there are. Many lambdas lead to the same steps."""
+    looked: list[tuple[tuple[Steps, ...], tuple[float, ...]]] = []
+
+    def look(entries: Sequence[Steps], parts: Sequence[float]) -> float:
+        looked.append((tuple(entries), tuple(parts)))
+        return decibels(entries, parts)
+
+    find_first_layer(costs, look, QUALITY, 0.3)
+    assert len(looked) == len(set(looked)) <= 12
+
+
 def test_first_picture_takes_parts_of_classes_if_they_will_do(costs: LayerCosts) -> None:
     """Classes that are more than needed are shown in part, and the parts cost their share."""
 
