@@ -35,7 +35,7 @@ from benchmarks.views import View
 from scarfmt.cli.scenes import Subject, load_subject
 from scarfmt.formats import inria_ply, load
 from scarfmt.formats.clean import clean
-from scarfmt.formats.inria_ply import ply_header, ply_rows
+from scarfmt.formats.export_ply import ply_header, ply_rows
 from scarfmt.formats.source import Source
 from scarfmt.scene.gaussians import GaussianScene
 

@@ -17,7 +17,7 @@ from benchmarks.scenes import Scene
 from scarfmt.atomic import atomic_write
 from scarfmt.formats import load
 from scarfmt.formats.clean import clean
-from scarfmt.formats.inria_ply import ply_header, ply_rows
+from scarfmt.formats.export_ply import ply_header, ply_rows
 from scarfmt.render.camera import core, upward_axes
 from scarfmt.scene.gaussians import GaussianScene
 

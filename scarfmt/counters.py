@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 
 @dataclass
@@ -24,7 +23,3 @@ class Counters:
     tile_blocks: int = 0
     tiles: int = 0
     anchors: int = 0
-
-    def report(self) -> dict[str, Any]:
-        """The counts as a JSON-able dictionary."""
-        return {**vars(self), "blocks": self.model_blocks + self.tile_blocks}

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import Any
 
 import click
 
 from scarfmt.cli.failures import requires_extra, warnings_on_stderr
+from scarfmt.cli.files import open_output
 from scarfmt.cli.inputs import FORMAT_IDS, read_scene, render_model_option
-from scarfmt.cli.outputs import SUFFIXES, open_scene_output, output_format, output_options, spz_options, written_report
+from scarfmt.cli.outputs import SUFFIXES, output_format, output_options, spz_options, written_report
 from scarfmt.cli.report import Report, reports
 
 
@@ -52,11 +54,13 @@ def convert(
     format_id = output_format(output, format_id)
     options = output_options(format_id, said)
     from scarfmt.formats.output import Described
+    from scarfmt.formats.outputs import open_targets, write_parts
     from scarfmt.scene.gaussians import GaussianScene
 
-    with warnings_on_stderr(quiet), open_scene_output(output, format_id, options, force) as out:
+    opened = open_targets(output, format_id, options, partial(open_output, force=force))
+    with warnings_on_stderr(quiet), opened as (target, options):
         scene = read_scene(input_, from_, sh_degree, drop_invalid, render_model)
         if not isinstance(scene, GaussianScene):
             raise click.UsageError("an anchor model has no fixed Gaussians: encode it, then decode with --bake")
-        written = out.write(Described.of(scene), [scene])
+        written = write_parts(format_id, [scene], Described.of(scene), target, options)
         return written_report((input_, output), written, {"format": format_id})

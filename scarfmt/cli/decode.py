@@ -5,17 +5,18 @@ from __future__ import annotations
 import math
 import time
 import warnings
+from collections.abc import Iterable
+from functools import partial
 from typing import TYPE_CHECKING, Any, BinaryIO
 
 import click
 
 from scarfmt.cli.camera_options import camera_of, camera_options
 from scarfmt.cli.failures import warnings_on_stderr
-from scarfmt.cli.files import open_input, timeout_option
-from scarfmt.cli.outputs import SUFFIXES, open_scene_output, output_format, output_options, spz_options, written_report
+from scarfmt.cli.files import open_input, open_output, timeout_option
+from scarfmt.cli.outputs import SUFFIXES, output_format, output_options, spz_options, written_report
 from scarfmt.cli.progress import progress
 from scarfmt.cli.report import Report, reports
-from scarfmt.cli.stats import decode_stats, format_stats, whole_file
 from scarfmt.cli.views import CAMERAS_HELP
 from scarfmt.errors import InputWarning
 from scarfmt.scene.streams import ATTRIBUTES
@@ -25,10 +26,10 @@ if TYPE_CHECKING:
     from reference_decoder.decode import DecodeRequest
     from reference_decoder.decoded import Decoded
     from reference_decoder.lod_selection import LevelOfDetail
-    from scarfmt.cli.outputs import SceneOutput
     from scarfmt.container.source import ByteSource
     from scarfmt.counters import Counters
-    from scarfmt.formats.output import Written
+    from scarfmt.formats.output import Described, Written
+    from scarfmt.scene.gaussians import GaussianScene
 
 FORMATS = (*SUFFIXES, "npz")
 VIEW_OPTIONS = ("camera", "target", "up", "fov", "size", "budget", "outside")
@@ -139,23 +140,24 @@ def decode(
         raise click.UsageError("--attributes needs an .npz output: other formats hold all attributes")
     from reference_decoder.decode import DecodeRequest
     from scarfmt.counters import Counters
-    from scarfmt.native.binding import described
+    from scarfmt.formats.outputs import open_targets, write_parts
 
     request = DecodeRequest(**wanted)
     start, counters = time.perf_counter(), Counters()
     with warnings_on_stderr(quiet), open_input(input_) as source:
         baking = _baking(cameras, bake_steps) if bake else None
-        with open_scene_output(output, format_id, options, force) as out:
-            if any(view.values()):
-                detail = _level_of_detail(source, request, view)
-                written = _write_view(source, out, request, detail, counters)
+        with open_targets(output, format_id, options, partial(open_output, force=force)) as (target, options):
+            detail = _level_of_detail(source, request, view) if any(view.values()) else None
+            if format_id == "npz":
+                written = _write_npz(source, target, request, detail, counters)
             else:
-                written = _write_file(source, out, baking, request, counters, quiet)
+                described, parts = _parts(source, request, detail, baking, counters, quiet)
+                written = write_parts(format_id, parts, described, target, options)
             if not written.count and request.box is not None:
                 _warn_outside(source, request)
         counters.bytes_read, counters.reads = source.bytes_read, source.reads
-        found = decode_stats(counters, time.perf_counter() - start, described(), whole_file(source))
-        lines = [format_stats(found)] if stats else []
+        found = _stats(source, counters, time.perf_counter() - start)
+        lines = [_format_stats(found)] if stats else []
         return written_report((input_, output), written, {"format": format_id, **found}, *lines)
 
 
@@ -168,31 +170,6 @@ def _warn_outside(source: ByteSource, request: DecodeRequest) -> None:
     low, high = tile_boxes(reader.lattice, reader.container.tile_table)
     corners = ",".join(f"{value:g}" for value in (*low.min(axis=0), *high.max(axis=0))) if len(low) else "nowhere"
     warnings.warn(f"nothing lies in the box; the scene lies in {corners}", InputWarning, stacklevel=2)
-
-
-def _write_view(
-    source: ByteSource,
-    out: SceneOutput,
-    request: DecodeRequest,
-    view: LevelOfDetail,
-    counters: Counters,
-) -> Written:
-    """Write what a view needs."""
-    from reference_decoder.lod_selection import iter_view
-    from reference_decoder.stream_gaussians import describe_output
-    from scarfmt.coding.reader import SceneReader
-    from scarfmt.formats.output import Written
-    from scarfmt.scene.gaussians import concatenate
-
-    reader = SceneReader(source, limits=request.limits, allow_truncated=True)
-    parts = iter_view(source, request, view, counters)
-    if out.format_id == "npz":
-        import numpy as np
-
-        scene = concatenate(list(parts), reader.header.fields.sh_degree)
-        np.savez(out.target, **scene.arrays())
-        return Written(len(scene), ())
-    return out.write(describe_output(reader), parts)
 
 
 def _level_of_detail(source: ByteSource, request: DecodeRequest, values: dict[str, Any]) -> LevelOfDetail:
@@ -209,23 +186,28 @@ def _level_of_detail(source: ByteSource, request: DecodeRequest, values: dict[st
     return LevelOfDetail(camera, values["budget"], values["outside"])
 
 
-def _write_file(
+def _parts(
     source: ByteSource,
-    out: SceneOutput,
-    baking: Baking | None,
     request: DecodeRequest,
+    view: LevelOfDetail | None,
+    baking: Baking | None,
     counters: Counters,
     quiet: bool,
-) -> Written:
-    """Write the contents of a file."""
-    if out.format_id == "npz":
-        return _write_npz(source, out.target, request, counters)
+) -> tuple[Described, Iterable[GaussianScene]]:
+    """The Gaussians of a file, or what a view needs of them, and their properties."""
+    if view is not None:
+        from reference_decoder.lod_selection import iter_view
+        from reference_decoder.stream_gaussians import describe_output
+        from scarfmt.coding.reader import SceneReader
+
+        reader = SceneReader(source, limits=request.limits, allow_truncated=True)
+        return describe_output(reader), iter_view(source, request, view, counters)
     from reference_decoder.stream_gaussians import stream_gaussians
 
     if baking is None:
-        return out.write(*stream_gaussians(source, request, counters=counters))
+        return stream_gaussians(source, request, counters=counters)
     with progress(quiet) as tell:
-        return out.write(*stream_gaussians(source, request, baking=baking, counters=counters, report=tell))
+        return stream_gaussians(source, request, baking=baking, counters=counters, report=tell)
 
 
 def _baking(cameras: str | None, steps: int | None) -> Baking:
@@ -238,11 +220,13 @@ def _baking(cameras: str | None, steps: int | None) -> Baking:
     return Baking(views, BAKE_STEPS if steps is None else steps)
 
 
-def _write_npz(source: ByteSource, target: BinaryIO, request: DecodeRequest, counters: Counters) -> Written:
+def _write_npz(
+    source: ByteSource, target: BinaryIO, request: DecodeRequest, view: LevelOfDetail | None, counters: Counters
+) -> Written:
     """Write the arrays of a scene, or of some attributes."""
     import numpy as np
 
-    from reference_decoder.decode import decode, decode_scene
+    from scarfmt.api import decode, decode_scene, decode_view
     from scarfmt.formats.anchor_npz import save_anchor_npz
     from scarfmt.formats.output import Written
     from scarfmt.scene.gaussians import AnchorModel
@@ -251,7 +235,11 @@ def _write_npz(source: ByteSource, target: BinaryIO, request: DecodeRequest, cou
         decoded = decode(source, request, counters=counters)
         np.savez(target, **_attribute_arrays(decoded))
         return Written(len(decoded), (), "anchor")
-    scene = decode_scene(source, request, counters=counters)
+    scene = (
+        decode_scene(source, request, counters=counters)
+        if view is None
+        else decode_view(source, view, request, counters=counters)
+    )
     if isinstance(scene, AnchorModel):
         save_anchor_npz(scene, target)
         return Written(len(scene), (), "anchor")
@@ -270,3 +258,43 @@ def _attribute_arrays(decoded: Decoded) -> dict[str, Any]:
     if decoded.indices is not None:
         arrays["latents"] = decoded.latents
     return arrays
+
+
+_TOTALS = (("bytes", "bytes_read"), ("blocks", "blocks"), ("tiles", "tiles"), ("anchors", "anchors"))
+
+
+def _stats(source: ByteSource, counters: Counters, seconds: float) -> dict[str, Any]:
+    """What a decode took, and in ``file`` the totals of the whole file, JSON-able."""
+    from scarfmt.container.header import read_header
+    from scarfmt.native.binding import described
+
+    header = read_header(source, allow_truncated=True)
+    return {
+        "seconds": seconds,
+        "engine": described(),
+        "decoded": {**vars(counters), "blocks": counters.model_blocks + counters.tile_blocks},
+        "file": {
+            "bytes": header.file_length,
+            "tiles": header.tile_count,
+            "anchors": header.anchor_count,
+            "layers": header.layer_count,
+        },
+    }
+
+
+def _format_stats(stats: dict[str, Any]) -> str:
+    """The report of :func:`_stats` for people, a line for each count."""
+    decoded, whole = stats["decoded"], stats["file"]
+    # The header does not give the number of blocks.
+    rows = [(name, decoded[key], _share(decoded[key], whole.get(name))) for name, key in _TOTALS]
+    rows[0] = (*rows[0][:2], f"{rows[0][2]}, in {decoded['reads']} reads")
+    width = max(len(f"{count:,}") for _, count, _ in rows)
+    lines = [f"{name:<17} {count:>{width},}  {note}".rstrip() for name, count, note in rows]
+    lines.append(f"{'engine':<17} {stats['engine']:>{width}}")
+    return "\n".join([*lines, f"{'seconds':<17} {stats['seconds']:>{width}.2f}"])
+
+
+def _share(part: int, whole: int | None) -> str:
+    if whole is None:
+        return ""
+    return f"of {whole:,} ({100 * part / whole:.1f} %)" if whole else f"of {whole:,}"

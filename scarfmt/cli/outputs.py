@@ -1,25 +1,21 @@
-"""Scene files that commands write: the formats to choose from, their options, and how they are opened."""
+"""Scene files that commands write: the formats to choose from, their options, and what is reported."""
 
 from __future__ import annotations
 
 import warnings
-from collections.abc import Iterable, Iterator, Mapping
-from contextlib import contextmanager
-from dataclasses import dataclass
-from functools import partial
-from typing import TYPE_CHECKING, Any, BinaryIO
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
 
 import click
 
-from scarfmt.cli.files import STANDARD, open_output
+from scarfmt.cli.files import STANDARD
 from scarfmt.cli.options import with_options
 from scarfmt.cli.report import Report
 from scarfmt.errors import InputWarning, plural
 
 if TYPE_CHECKING:
-    from scarfmt.formats.output import Described, Written
+    from scarfmt.formats.output import Written
     from scarfmt.formats.outputs import OutputOptions
-    from scarfmt.scene.gaussians import GaussianScene
 
 SUFFIXES = {
     "compressed-ply": ".compressed.ply",
@@ -94,40 +90,6 @@ def output_format(name: str, chosen: str | None, others: tuple[str, ...] = ()) -
             return format_id
     endings = ", ".join(known.values())
     raise click.UsageError(f"the output must end in one of {endings}, or give --format; {name} does not")
-
-
-@dataclass(frozen=True)
-class SceneOutput:
-    """The target of a scene, and its format.
-
-    Attributes:
-        format_id: one of `SUFFIXES`, or ``npz``.
-        target: to write to.
-        options: of the format, with the second file of a .gltf.
-    """
-
-    format_id: str
-    target: BinaryIO
-    options: OutputOptions
-
-    def write(self, described: Described, parts: Iterable[GaussianScene]) -> Written:
-        """Write a scene in one of `SUFFIXES`."""
-        from scarfmt.formats.outputs import write_parts
-
-        return write_parts(self.format_id, parts, described, self.target, self.options)
-
-
-@contextmanager
-def open_scene_output(name: str, format_id: str, options: OutputOptions, force: bool) -> Iterator[SceneOutput]:
-    """A scene file that appears under its name only when complete. A .gltf also has NAME.bin beside it.
-
-    Raises:
-        InvalidInput: ``output-exists``, ``output-path`` or ``output-stream``.
-    """
-    from scarfmt.formats.outputs import open_targets
-
-    with open_targets(name, format_id, options, partial(open_output, force=force)) as (target, settled):
-        yield SceneOutput(format_id, target, settled)
 
 
 def written_report(names: tuple[str, str], written: Written, more: Mapping[str, Any], *lines: str) -> Report:

@@ -22,7 +22,8 @@ from scarfmt.arrays import F32, F64, U8, U32
 from scarfmt.container.morton import MAX_BITS, interleave
 from scarfmt.errors import InvalidInput, Unsupported
 from scarfmt.formats import ply
-from scarfmt.formats.output import CoarseSteps, Described, Losses, Parts, Spool, Written, finite
+from scarfmt.formats.export_ply import description_comments
+from scarfmt.formats.output import Described, Losses, Parts, Spool, Written, finite, gaussian_sizes
 from scarfmt.formats.quantise import (
     SH_C0,
     alpha_of_logit,
@@ -157,20 +158,20 @@ def write_compressed_ply(parts: Parts, described: Described, target: BinaryIO) -
     Raises:
         InvalidInput: ``output-range``: a value is not finite, or a position too large for float32; ``output-empty``.
     """
-    losses, steps, count = Losses(), CoarseSteps(), 0
+    losses, count = Losses(), 0
     with Spool(("chunks", "vertices", "harmonics")) as spool:
         for scene in _whole_chunks(finite(parts, "compressed PLY")):
-            bounds, words = _pack(scene, losses, steps)
+            bounds, words = _pack(scene, losses)
             spool.add("chunks", bounds)
             spool.add("vertices", words)
             spool.add("harmonics", _pack_harmonics(scene.sh[:, 1:], losses))
             count += len(scene)
-        steps.refuse("compressed PLY", "leave out Gaussians far from all others, or write another format")
-        comments = ply.description_comments(described.description, described.origin)
+        losses.refuse_coarse("compressed PLY", "leave out Gaussians far from all others, or write another format")
+        comments = description_comments(described.description, described.origin)
         target.write(_header(count, 3 * ((described.sh_degree + 1) ** 2 - 1), comments))
         for name in ("chunks", "vertices", "harmonics"):
             spool.copy(name, target)
-    notes = losses.notes(described, count, "compressed PLY", ply.PLY_SAYS, steps)
+    notes = losses.notes(described, count, "compressed PLY", ply.PLY_SAYS)
     return Written(count, (_GRID, *notes))
 
 
@@ -213,7 +214,7 @@ def morton_order(positions: F64) -> NDArray[np.intp]:
     return np.argsort(interleave(cells), kind="stable")
 
 
-def _pack(scene: GaussianScene, losses: Losses, steps: CoarseSteps) -> tuple[F32, U32]:
+def _pack(scene: GaussianScene, losses: Losses) -> tuple[F32, U32]:
     """Bounds (chunks, 18) and words (N, 4)."""
     if np.abs(scene.positions).max() > np.finfo(np.float32).max:
         raise InvalidInput("output-range", "a position is too large for the float32 bounds of a compressed PLY")
@@ -222,7 +223,8 @@ def _pack(scene: GaussianScene, losses: Losses, steps: CoarseSteps) -> tuple[F32
     colours = scene.sh[:, 0].astype(np.float64) * SH_C0 + 0.5
     places = _in_bounds(scene.positions)
     chunk = np.arange(len(scene)) // CHUNK
-    steps.add(((places[1] - places[0]) / (2047, 1023, 2047)).max(axis=1)[chunk], scene.log_scales)
+    steps = ((places[1] - places[0]) / (2047, 1023, 2047)).max(axis=1)[chunk]
+    losses.compare_steps(steps, gaussian_sizes(scene.log_scales))
     sizes = _in_bounds(np.clip(log_scales, -MAX_LOG_SCALE, MAX_LOG_SCALE))
     shades = _in_bounds(colours)
     red, green, blue = levels(shades[2], 256).T

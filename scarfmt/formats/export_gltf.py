@@ -20,7 +20,7 @@ from scarfmt.container.registries import ColourSpace
 from scarfmt.errors import InvalidInput
 from scarfmt.formats import gltf as layout
 from scarfmt.formats.frame import LUF_TO_RDF, Signs, flip_axes, flip_up, signs_to
-from scarfmt.formats.output import CoarseSteps, Described, Losses, Parts, Says, Spool, Written, check_float32, finite
+from scarfmt.formats.output import Described, Losses, Parts, Says, Spool, Written, check_float32, finite, gaussian_sizes
 from scarfmt.formats.quantise import SH_C0, opacities, unit_quaternions
 from scarfmt.scene.gaussians import GaussianScene
 from scarfmt.scene.rotation import matrix_from_quaternion
@@ -56,7 +56,7 @@ def write_gltf(parts: Parts, described: Described, target: BinaryIO, beside: Bes
         InvalidInput: ``output-range``: a value is not finite or too large for float32, or a .glb would have over 4 GiB;
             ``output-empty``.
     """
-    signs, losses, steps = signs_to(LUF_TO_RDF, described.frame), Losses(), CoarseSteps()
+    signs, losses = signs_to(LUF_TO_RDF, described.frame), Losses()
     linear = described.description.colour_space == ColourSpace.LINEAR
     count, low, high = 0, np.full(3, np.inf), np.full(3, -np.inf)
     with Spool(_attributes(described.sh_degree)) as spool:
@@ -66,12 +66,13 @@ def write_gltf(parts: Parts, described: Described, target: BinaryIO, beside: Bes
                 spool.add(name, array)
             count += len(part)
             positions = values[layout.POSITION]
-            steps.add(np.spacing(np.abs(positions).max(axis=1)).astype(np.float64), part.log_scales)
+            steps = np.spacing(np.abs(positions).max(axis=1)).astype(np.float64)
+            losses.compare_steps(steps, gaussian_sizes(part.log_scales))
             low, high = np.minimum(low, positions.min(axis=0)), np.maximum(high, positions.max(axis=0))
         document, size = _document(spool, count, linear, {"min": low.tolist(), "max": high.tolist()})
         _place(document, described, signs)
         _write(document, size, spool, target, beside)
-    return Written(count, losses.notes(described, count, "glTF", _SAYS, steps))
+    return Written(count, losses.notes(described, count, "glTF", _SAYS))
 
 
 _SAYS = Says.AXES | Says.LINEAR | Says.UP | Says.ORIGIN | Says.ANY_REFERENCE

@@ -17,7 +17,7 @@ from scarfmt.arrays import F32, F64, I64, U8
 from scarfmt.container.registries import RenderModel
 from scarfmt.errors import missing_package
 from scarfmt.formats.compressed_ply import morton_order
-from scarfmt.formats.output import CoarseSteps, Described, Losses, Parts, Says, Written, finite
+from scarfmt.formats.output import Described, Losses, Parts, Says, Written, finite, gaussian_sizes
 from scarfmt.formats.quantise import alpha_of_logit, levels, smallest_three, unit_quaternions
 from scarfmt.formats.sog import BANDS_OF_COEFFICIENTS, PALETTE_COLUMNS
 from scarfmt.scene.gaussians import GaussianScene, concatenate
@@ -43,13 +43,13 @@ def write_sog(parts: Parts, described: Described, target: BinaryIO) -> Written:
     """
     scene = concatenate(list(finite(parts, "SOG")))
     scene = scene.take(morton_order(scene.positions))
-    losses, steps = Losses(), CoarseSteps()
+    losses = Losses()
     images: dict[str, U8] = {}
     meta: dict[str, Any] = {"version": 2, "asset": {"generator": "scarfmt"}, "count": len(scene)}
     if (model := MODELS.get(described.description.render_model)) is not None:
         meta["model"] = model
-    meta["means"] = _means(scene, images, steps)
-    steps.refuse("SOG", "leave out Gaussians far from all others, or write another format")
+    meta["means"] = _means(scene, images, losses)
+    losses.refuse_coarse("SOG", "leave out Gaussians far from all others, or write another format")
     meta["scales"] = _coded(scene.log_scales, "scales", images)
     meta["quats"] = _rotations(scene, images)
     meta["sh0"] = _coded(scene.sh[:, 0], "sh0", images, alpha_of_logit(scene.opacity_logits))
@@ -62,7 +62,7 @@ def write_sog(parts: Parts, described: Described, target: BinaryIO) -> Written:
     grid = "SOG rounds scales and colours to 256 values each, opacities to 1/255, rotations to 1/180"
     grid += f", and spherical harmonics to {meta['shN']['count']:,} sets" if scene.sh_degree else ""
     says = Says.RENDER_MODEL
-    return Written(len(scene), (f"{grid}; the order changes", *losses.notes(described, len(scene), "SOG", says, steps)))
+    return Written(len(scene), (f"{grid}; the order changes", *losses.notes(described, len(scene), "SOG", says)))
 
 
 def _store(archive: zipfile.ZipFile, name: str, data: bytes) -> None:
@@ -90,14 +90,15 @@ def _square(pixels: U8) -> U8:
     return image.reshape(height, width, 4)
 
 
-def _means(scene: GaussianScene, images: dict[str, U8], steps: CoarseSteps) -> dict[str, Any]:
+def _means(scene: GaussianScene, images: dict[str, U8], losses: Losses) -> dict[str, Any]:
     logarithmic = np.sign(scene.positions) * np.log1p(np.abs(scene.positions))
     low, high = logarithmic.min(axis=0), logarithmic.max(axis=0)
     span = np.where(high > low, high - low, 1.0)
     number = levels((logarithmic - low) / span, 1 << 16)
     images["means_l.webp"] = _square((number & 255).astype(np.uint8))
     images["means_u.webp"] = _square((number >> 8).astype(np.uint8))
-    steps.add((span / 65535 * (1 + np.abs(scene.positions))).max(axis=1), scene.log_scales)
+    steps = (span / 65535 * (1 + np.abs(scene.positions))).max(axis=1)
+    losses.compare_steps(steps, gaussian_sizes(scene.log_scales))
     return {"mins": low.tolist(), "maxs": high.tolist(), "files": ["means_l.webp", "means_u.webp"]}
 
 

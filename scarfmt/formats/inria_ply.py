@@ -14,7 +14,6 @@ Properties, of any numeric type, in any order, text or binary; others (normals, 
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -30,13 +29,15 @@ from scarfmt.scene.gaussians import GaussianScene
 _COEFFICIENTS = {0: 0, 9: 3, 24: 8, 45: 15, 72: 24}
 """Numbers of f_rest columns, and how many of them each colour has."""
 _MOST = 15
-_DC, _RGB = ("f_dc_0", "f_dc_1", "f_dc_2"), ("red", "green", "blue")
-_SCALES, _ROTATION = ("scale_0", "scale_1", "scale_2"), ("rot_0", "rot_1", "rot_2", "rot_3")
+DC = ("f_dc_0", "f_dc_1", "f_dc_2")
+SCALES, ROTATION = ("scale_0", "scale_1", "scale_2"), ("rot_0", "rot_1", "rot_2", "rot_3")
+"""Columns of a Gaussian, which :mod:`.export_ply` writes too."""
+_RGB = ("red", "green", "blue")
 _LARGEST = {"u1": 255.0, "u2": 65535.0}
 _FILTER = "filter_3D"
 _HARMLESS = ("nx", "ny", "nz", *_RGB, "alpha", "state", "transform")
 """Columns beside those of Gaussians that do not change the picture; the last two are left by SuperSplat."""
-_KNOWN = frozenset(("x", "y", "z", "opacity", *_DC, *_SCALES, *_ROTATION, _FILTER, *_HARMLESS))
+_KNOWN = frozenset(("x", "y", "z", "opacity", *DC, *SCALES, *ROTATION, _FILTER, *_HARMLESS))
 
 
 describe = ply.describe
@@ -94,7 +95,7 @@ class Columns:
             raise InvalidInput("input-not-gaussians", message, field="vertex")
         kinds = vertex.properties
         names = [name for name, kind in kinds.items() if kind != ply.LIST]
-        colours = _DC if set(_DC) & set(names) or not set(_RGB) <= set(names) else _RGB
+        colours = DC if set(DC) & set(names) or not set(_RGB) <= set(names) else _RGB
         _check_columns(source, names, colours)
         if colours == _RGB and any(ply.TYPES[kinds[name]] not in _LARGEST for name in _RGB):
             message = f"{source.name}: red, green and blue of type {kinds['red']}, whose range nothing says"
@@ -102,7 +103,7 @@ class Columns:
         rest, notes = _rest_columns(source, names)
         if colours == _RGB:
             notes += ("colours are read from red, green and blue: they have no f_dc",)
-        scales = tuple(name for name in _SCALES if name in names)
+        scales = tuple(name for name in SCALES if name in names)
         return cls(scales, colours, rest, _FILTER in names, notes + _unread_columns(names))
 
     def warn(self, source: Source) -> None:
@@ -128,7 +129,7 @@ class Columns:
             return GaussianScene(
                 self.positions(rows),
                 _with_third_axis(scales.astype(np.float32)),
-                ply.columns(rows, list(_ROTATION)).astype(np.float32),
+                ply.columns(rows, list(ROTATION)).astype(np.float32),
                 logits.astype(np.float32),
                 np.concatenate([dc.astype(np.float32), harmonics], axis=1),
             )
@@ -136,7 +137,7 @@ class Columns:
     def _dc(self, rows: ply.Rows) -> NDArray[np.generic]:
         """(N, 3) coefficients of degree 0."""
         stored = ply.columns(rows, list(self.colours))
-        if self.colours == _DC:
+        if self.colours == DC:
             return stored
         largest = [_LARGEST[rows.dtype[name].str[1:]] for name in self.colours]
         return dc_of_colour(stored.astype(np.float64) / largest)[:, 0]
@@ -168,9 +169,9 @@ def _smooth(scales: NDArray[np.generic], logits: NDArray[np.generic], width: NDA
 
 
 def _check_columns(source: Source, names: list[str], colours: tuple[str, ...]) -> None:
-    required = ["x", "y", "z", _SCALES[0], *_ROTATION, "opacity", *colours]
+    required = ["x", "y", "z", SCALES[0], *ROTATION, "opacity", *colours]
     # The third scale may be missing, or both the second and the third.
-    required += _SCALES[1:2] if _SCALES[2] in names else ()
+    required += SCALES[1:2] if SCALES[2] in names else ()
     missing = [name for name in required if name not in names]
     if missing:
         kind = "a point cloud or mesh, not a Gaussian scene" if "scale_0" in missing else "not a complete scene"
@@ -209,40 +210,3 @@ def _with_third_axis(log_scales: F32) -> F32:
     if log_scales.shape[1] == 3:
         return log_scales
     return np.pad(log_scales, ((0, 0), (0, 1)), constant_values=np.float32(FLAT_LOG_SCALE))
-
-
-def ply_rows(scene: GaussianScene) -> F32:
-    """(N, properties) float32 in the order of :func:`ply_header`, positions rounded, normals zero."""
-    rest = 3 * (scene.sh.shape[1] - 1)
-    table = np.zeros((len(scene), 17 + rest), "<f4")
-    with np.errstate(over="ignore"):  # beyond float32: an infinity says more than a wrong finite number
-        table[:, 0:3] = scene.positions
-    table[:, 6:9] = scene.sh[:, 0]
-    # f_rest is channel-major: all of red, then green, then blue.
-    table[:, 9 : 9 + rest].reshape(len(scene), 3, rest // 3)[:] = scene.sh[:, 1:].transpose(0, 2, 1)
-    table[:, 9 + rest] = scene.opacity_logits
-    table[:, 10 + rest : 13 + rest] = scene.log_scales
-    table[:, 13 + rest :] = scene.rotations
-    return table
-
-
-def ply_header(count: int, rest: int, comments: Iterable[str] = ()) -> bytes:
-    """The header of a file, binary_little_endian, all float, with normals, as INRIA's trainer writes it.
-
-    Args:
-        count: of Gaussians.
-        rest: coefficients of each colour above degree 0.
-        comments: printable ASCII, a line each.
-
-    Raises:
-        InvalidInput: ``output-comment``.
-    """
-    lines = ["ply", "format binary_little_endian 1.0"]
-    for comment in comments:
-        if not comment.isascii() or not comment.isprintable():
-            raise InvalidInput("output-comment", f"a PLY comment is one line of printable ASCII, got {comment!r}")
-        lines.append(f"comment {comment}")
-    names = ["x", "y", "z", "nx", "ny", "nz", *_DC, *(f"f_rest_{i}" for i in range(3 * rest)), "opacity"]
-    names += [*_SCALES, *_ROTATION]
-    lines += [f"element vertex {count}", *(f"property float {name}" for name in names)]
-    return "\n".join([*lines, "end_header", ""]).encode("ascii")

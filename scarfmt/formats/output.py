@@ -148,42 +148,6 @@ _FLAT = 1.01 * math.exp(FLAT_LOG_SCALE)
 """What stands for a size of 0, but for rounding."""
 
 
-class CoarseSteps:
-    """Compares steps of positions with the sizes of the Gaussians that they move."""
-
-    def __init__(self) -> None:
-        self._coarse = self._total = 0
-        self._largest = 0.0
-
-    def add(self, steps: F64, log_scales: F32) -> None:
-        """Count Gaussians: (N,) or one step, world units, and (N, 3)."""
-        self.compare(steps, gaussian_sizes(log_scales))
-
-    def compare(self, steps: F64 | float, sizes: F64) -> None:
-        """Count Gaussians of which the sizes, (N,), are known; those of size 0 have no width to be moved by."""
-        is_wide = sizes > _FLAT
-        self._coarse += int(np.count_nonzero((steps > sizes) & is_wide))
-        self._total += int(np.count_nonzero(is_wide))
-        self._largest = max(self._largest, float(np.max(steps, initial=0.0)))
-
-    def refuse(self, title: str, advice: str) -> None:
-        """Refuse a scene of which most Gaussians would be moved by more than they are wide.
-
-        Raises:
-            InvalidInput: ``output-range``.
-        """
-        if 2 * self._coarse > self._total:
-            message = f"{title} would round positions to {self._largest:.3g}, more than half of the Gaussians are wide"
-            raise InvalidInput("output-range", f"{message}; {advice}")
-
-    def notes(self) -> list[str]:
-        """A line where some are moved by more than they are wide."""
-        if not self._coarse:
-            return []
-        some = f"{self._coarse:,} of {self._total:,} Gaussians"
-        return [f"positions rounded to up to {self._largest:.3g}, more than they are wide: {some}"]
-
-
 @dataclass(frozen=True)
 class Written:
     """The report of a writer.
@@ -204,15 +168,35 @@ class Losses:
 
     def __init__(self) -> None:
         self._counts: dict[str, int] = {}
+        self._coarse = self._wide = 0
+        self._largest_step = 0.0
 
     def count(self, what: str, changed: Bools) -> None:
         """Add the rows of `changed`, (N, ...) bool, with any True; `what` says which values, and what came of them."""
         rows = int(np.count_nonzero(changed.reshape(len(changed), -1).any(axis=1)))
         self._counts[what] = self._counts.get(what, 0) + rows
 
-    def notes(
-        self, described: Described, total: int, title: str, says: Says, steps: CoarseSteps | None = None
-    ) -> tuple[str, ...]:
+    def compare_steps(self, steps: F64 | float, sizes: F64) -> None:
+        """Compare the steps of positions, (N,) or one, with (N,) :func:`gaussian_sizes` of the Gaussians they move.
+
+        Those of size 0 have no width to be moved by.
+        """
+        is_wide = sizes > _FLAT
+        self._coarse += int(np.count_nonzero((steps > sizes) & is_wide))
+        self._wide += int(np.count_nonzero(is_wide))
+        self._largest_step = max(self._largest_step, float(np.max(steps, initial=0.0)))
+
+    def refuse_coarse(self, title: str, advice: str) -> None:
+        """Refuse a scene of which most Gaussians would be moved by more than they are wide.
+
+        Raises:
+            InvalidInput: ``output-range``.
+        """
+        if 2 * self._coarse > self._wide:
+            message = f"{title} would round positions to {self._largest_step:.3g}"
+            raise InvalidInput("output-range", f"{message}, more than half of the Gaussians are wide; {advice}")
+
+    def notes(self, described: Described, total: int, title: str, says: Says) -> tuple[str, ...]:
         """A line for each kind of change there was, and for all that the scene says and the format cannot.
 
         Args:
@@ -220,10 +204,11 @@ class Losses:
             total: Gaussians written.
             title: of the format.
             says: what it has words for.
-            steps: of positions.
         """
         found = [f"{what}: {count:,} of {total:,} Gaussians" for what, count in self._counts.items() if count]
-        found += [] if steps is None else steps.notes()
+        if self._coarse:
+            some = f"{self._coarse:,} of {self._wide:,} Gaussians"
+            found.append(f"positions rounded to up to {self._largest_step:.3g}, more than they are wide: {some}")
         said, origin = described.description, described.origin
         if any(described.moved):
             found.append(f"positions are written less {_point(described.moved)}, so that float32 holds them")

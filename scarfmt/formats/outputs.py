@@ -10,13 +10,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, BinaryIO
 from urllib.parse import quote
 
-import numpy as np
-
-from scarfmt.arrays import F32
 from scarfmt.errors import InvalidInput
-from scarfmt.formats.inria_ply import ply_header, ply_rows
-from scarfmt.formats.output import CoarseSteps, Described, Losses, Parts, Spool, Written, move_near_zero
-from scarfmt.formats.ply import PLY_SAYS, description_comments
+from scarfmt.formats.output import Described, Parts, Written, move_near_zero
 
 if TYPE_CHECKING:
     from scarfmt.formats.export_gltf import Beside
@@ -79,32 +74,6 @@ def write_parts(
     raise InvalidInput("output-format", f"unknown output format {format_id!r}; there are {names}")
 
 
-def _ply(parts: Parts, described: Described, target: BinaryIO, _options: OutputOptions) -> Written:
-    rest, count, steps = (described.sh_degree + 1) ** 2 - 1, described.count, CoarseSteps()
-    comments = [*described.comments, *description_comments(described.description, described.origin)]
-
-    def tables() -> Iterator[F32]:
-        for part in parts:
-            with np.errstate(over="ignore"):
-                far = np.abs(part.positions).max(axis=1).astype(np.float32)
-            steps.add(np.spacing(far).astype(np.float64), part.log_scales)
-            yield ply_rows(part)
-
-    if count is not None:
-        target.write(ply_header(count, rest, comments))
-        for table in tables():
-            target.write(table.data)
-    else:
-        count = 0
-        with Spool(("rows",)) as spool:
-            for table in tables():
-                spool.add("rows", table)
-                count += len(table)
-            target.write(ply_header(count, rest, comments))
-            spool.copy("rows", target)
-    return Written(count, Losses().notes(described, count, "PLY", PLY_SAYS, steps))
-
-
 def _gltf(parts: Parts, described: Described, target: BinaryIO, options: OutputOptions) -> Written:
     from scarfmt.formats.export_gltf import write_gltf
 
@@ -131,7 +100,7 @@ def _writer(module: str, name: str) -> Callable[[Parts, Described, BinaryIO, Out
 
 OUTPUTS = (
     Output("compressed-ply", "PlayCanvas PLY", ".compressed.ply", _writer("compressed_ply", "write_compressed_ply")),
-    Output("ply", "INRIA 3D Gaussian splatting PLY", ".ply", _ply),
+    Output("ply", "INRIA 3D Gaussian splatting PLY", ".ply", _writer("export_ply", "write_ply")),
     Output("spz", "Niantic SPZ 3 and 4", ".spz", _spz),
     Output("glb", "binary glTF 2.0 with KHR_gaussian_splatting", ".glb", _writer("export_gltf", "write_gltf")),
     Output("gltf", "glTF 2.0 with KHR_gaussian_splatting, its buffer beside it", ".gltf", _gltf),

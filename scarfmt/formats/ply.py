@@ -159,27 +159,6 @@ def describe(source: Source) -> Description:
     )
 
 
-def description_comments(description: Description, origin: tuple[float, float, float]) -> list[str]:
-    """The comments that :func:`describe` understands.
-
-    Args:
-        description: of the scene.
-        origin: what has to be added to its positions, as written.
-    """
-    lines = []
-    if description.render_model != RenderModel.CLASSIC:
-        antialiased = description.render_model == RenderModel.ANTIALIASED
-        lines.append(f"SplatRenderMode: {'mip' if antialiased else '2dgs'}")
-    if description.up_axis is not None:
-        # The bare name y says nothing, see above.
-        lines.append(f"Vertical Axis: {'0 1 0' if description.up_axis == 'y' else description.up_axis}")
-    if PLY_SAYS.can_name(description.coordinate_reference):
-        lines.append(f"epsg {description.coordinate_reference.removeprefix('EPSG:')}")
-    if any(origin):
-        lines += [f"offset{axis} {number!r}" for axis, number in zip("xyz", origin, strict=True)]
-    return lines
-
-
 def _render_model(header: Header) -> RenderModel:
     columns = header.elements["vertex"].properties if "vertex" in header.elements else {}
     if "scale_1" in columns and "scale_2" not in columns:

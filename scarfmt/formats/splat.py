@@ -10,7 +10,7 @@ from typing import BinaryIO
 
 import numpy as np
 
-from scarfmt.formats.output import CoarseSteps, Described, Losses, Parts, Says, Written, check_float32, finite
+from scarfmt.formats.output import Described, Losses, Parts, Says, Written, check_float32, finite, gaussian_sizes
 from scarfmt.formats.quantise import SH_C0, alpha_of_logit, dc_of_colour, logit_of_alpha, unit_quaternions
 from scarfmt.formats.source import Source
 from scarfmt.scene.gaussians import GaussianScene
@@ -56,7 +56,7 @@ def write_splat(parts: Parts, described: Described, target: BinaryIO) -> Written
     Raises:
         InvalidInput: ``output-range``: a value is not finite, or too large for float32; ``output-empty``.
     """
-    losses, steps, count = Losses(), CoarseSteps(), 0
+    losses, count = Losses(), 0
     for scene in finite(parts, ".splat"):
         rows = np.zeros(len(scene), _ROW)
         with np.errstate(over="ignore", under="ignore"):  # what overflows is refused below
@@ -70,8 +70,9 @@ def write_splat(parts: Parts, described: Described, target: BinaryIO) -> Written
         rows["colour"][:, :3] = np.rint(np.clip(colours, 0.0, 1.0) * 255)
         rows["colour"][:, 3] = alpha_of_logit(scene.opacity_logits)
         rows["rotation"] = np.clip(np.rint(unit_quaternions(scene.rotations) * 128 + 128), 0, 255)
-        steps.add(np.spacing(np.abs(rows["position"]).max(axis=1)).astype(np.float64), scene.log_scales)
+        steps = np.spacing(np.abs(rows["position"]).max(axis=1)).astype(np.float64)
+        losses.compare_steps(steps, gaussian_sizes(scene.log_scales))
         target.write(rows.tobytes())
         count += len(scene)
     grid = ".splat rounds rotations to 1/128, colours and opacities to 1/255"
-    return Written(count, (grid, *losses.notes(described, count, ".splat", Says.NOTHING, steps)))
+    return Written(count, (grid, *losses.notes(described, count, ".splat", Says.NOTHING)))

@@ -30,7 +30,7 @@ from scarfmt.arrays import F32, F64, U8, U32
 from scarfmt.container.registries import RenderModel
 from scarfmt.errors import InvalidInput, Unsupported
 from scarfmt.formats.frame import RUB_TO_RDF, flip_axes, signs_to
-from scarfmt.formats.output import CoarseSteps, Described, Losses, Parts, Says, Spool, Written, finite, gaussian_sizes
+from scarfmt.formats.output import Described, Losses, Parts, Says, Spool, Written, finite, gaussian_sizes
 from scarfmt.formats.quantise import (
     alpha_of_logit,
     complete_smallest_three,
@@ -343,7 +343,7 @@ def write_spz(parts: Parts, described: Described, target: BinaryIO, options: Spz
     """
     options = options or SpzOptions()
     signs = signs_to(RUB_TO_RDF, described.frame)
-    losses, steps, farthest, count = Losses(), CoarseSteps(), 0.0, 0
+    losses, farthest, count = Losses(), 0.0, 0
     with Spool(("raw positions", "sizes", *_ATTRIBUTES)) as spool:
         for part in finite(parts, "SPZ"):
             scene = flip_axes(part, signs)
@@ -357,10 +357,10 @@ def write_spz(parts: Parts, described: Described, target: BinaryIO, options: Spz
         sizes = spool.reopened("sizes")
         for rows in _rows(spool.reopened("raw positions")):
             spool.add("positions", _fixed_point(rows, bits))
-            steps.compare(2.0**-bits, np.frombuffer(sizes.read(8 * len(rows)), np.float64))
+            losses.compare_steps(2.0**-bits, np.frombuffer(sizes.read(8 * len(rows)), np.float64))
         if options.fraction_bits is None:
             others = "leave out Gaussians far from all others, write another format"
-            steps.refuse("SPZ", f"{others}, or accept it with --spz-fraction-bits {bits}")
+            losses.refuse_coarse("SPZ", f"{others}, or accept it with --spz-fraction-bits {bits}")
         antialiased = described.description.render_model == RenderModel.ANTIALIASED
         flags = _ANTIALIASED if antialiased else 0
         head = struct.pack("<4sIIBBB", MAGIC, options.version, count, described.sh_degree, bits, flags)
@@ -368,7 +368,7 @@ def write_spz(parts: Parts, described: Described, target: BinaryIO, options: Spz
         (_write_gzip if options.version == 3 else _write_v4)(head, spool, names, target)
     says = Says.AXES | (Says.RENDER_MODEL if antialiased else Says.NOTHING)
     return Written(
-        count, (_grid(bits, options.sh_bits, described), *losses.notes(described, count, "SPZ", says, steps))
+        count, (_grid(bits, options.sh_bits, described), *losses.notes(described, count, "SPZ", says))
     )
 
 

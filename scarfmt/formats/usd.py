@@ -21,7 +21,7 @@ from scarfmt.arrays import F64
 from scarfmt.blocks.metadata import check_registered
 from scarfmt.errors import InvalidInput, Malformed, Unsupported, missing_package
 from scarfmt.formats.frame import RUB_TO_RDF, Signs, flip_axes, signs_to
-from scarfmt.formats.output import CoarseSteps, Described, Losses, Parts, Says, Written, check_float32, finite
+from scarfmt.formats.output import Described, Losses, Parts, Says, Written, check_float32, finite, gaussian_sizes
 from scarfmt.formats.quantise import log_scale, logit_of_opacity, opacities, unit_quaternions
 from scarfmt.formats.source import Source, is_zip, member_names
 from scarfmt.scene.description import USUAL_UP, Description
@@ -228,9 +228,10 @@ def write_usd(parts: Parts, described: Described, target: BinaryIO) -> Written:
     up_axis = described.description.up_axis
     signs: Signs = (1, 1, 1) if up_axis == "z" else signs_to(RUB_TO_RDF, described.frame)
     scene = flip_axes(concatenate(list(finite(parts, "USD"))), signs)
-    losses, steps = Losses(), CoarseSteps()
+    losses = Losses()
     values = _values(scene, losses)
-    steps.add(np.spacing(np.abs(values["positions"]).max(axis=1)).astype(np.float64), scene.log_scales)
+    steps = np.spacing(np.abs(values["positions"]).max(axis=1)).astype(np.float64)
+    losses.compare_steps(steps, gaussian_sizes(scene.log_scales))
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "scene.usdc"
         stage = Usd.Stage.CreateNew(str(path))
@@ -260,7 +261,7 @@ def write_usd(parts: Parts, described: Described, target: BinaryIO) -> Written:
             shutil.copyfileobj(layer, target)
     says = Says.ORIGIN | Says.ANY_REFERENCE | Says.AXES
     says |= Says.UP if up_axis in (None, USUAL_UP, "z") else Says.NOTHING
-    return Written(len(scene), losses.notes(described, len(scene), "USD", says, steps))
+    return Written(len(scene), losses.notes(described, len(scene), "USD", says))
 
 
 def _values(scene: GaussianScene, losses: Losses) -> dict[str, Any]:

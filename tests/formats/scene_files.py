@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from scarfmt.formats import load
-from scarfmt.formats.inria_ply import ply_header, ply_rows
+from scarfmt.formats.export_ply import ply_header, ply_rows
 from scarfmt.scene.gaussians import GaussianScene
 from tests.formats import rad_files
 

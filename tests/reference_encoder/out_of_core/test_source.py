@@ -13,7 +13,7 @@ import pytest
 from reference_encoder.out_of_core.source import Inputs, find_inputs, read, read_positions
 from scarfmt import formats
 from scarfmt.errors import InvalidInput, LimitExceeded
-from scarfmt.formats.inria_ply import ply_header, ply_rows
+from scarfmt.formats.export_ply import ply_header, ply_rows
 from scarfmt.scene.gaussians import GaussianScene, concatenate
 from tests.formats.scene_files import compressed_ply, inria_names, inria_ply, ply, read_scene, sog_files, splat, spz
 from tests.formats.test_streamed_sog import streamed
