@@ -135,7 +135,7 @@ def encode_job(job: Job) -> dict[str, Any]:
 
 def decode_job(job: Job) -> dict[str, Any]:
     """Decode the first `layers` layers (absent: all) of `file` into arrays with `threads` threads, some times."""
-    from scarfmt.api import decode_scene
+    from reference_decoder.decode import decode_scene
 
     count = 0
 

@@ -16,8 +16,9 @@ from PIL import Image
 
 from benchmarks.judge import EQUAL_DB
 from reference_decoder.anchors import gaussians
+from reference_decoder.decode import decode_scene
 from reference_encoder.training.capture import Photo, pixels
-from scarfmt.api import decode_scene, inspect, truncate
+from scarfmt.api import inspect, truncate
 from scarfmt.arrays import F32
 from scarfmt.render.camera import Camera
 from scarfmt.render.metrics import psnr, ssim

@@ -46,8 +46,9 @@ from benchmarks.report import (
 )
 from benchmarks.scenes import FITTED_MARK, REPOSITORY, SCENES, Scene, load_gaussians, select_scenes
 from benchmarks.views import View
+from reference_decoder.decode import decode_scene
 from reference_encoder.options import EncodeOptions
-from scarfmt.api import decode_scene, encode
+from scarfmt.api import encode
 from scarfmt.cli.scenes import Subject, layer_table, load_subject
 from scarfmt.container.source import open_source
 from scarfmt.render.camera import Camera

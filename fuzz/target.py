@@ -9,12 +9,12 @@ import numpy as np
 
 from reference_decoder.anchors import gaussians
 from reference_decoder.decode import decode
+from scarfmt.blocks.metadata import read_metadata
 from scarfmt.container.file import Container
 from scarfmt.container.source import BytesSource
 from scarfmt.errors import ScarError
 from scarfmt.scene.gaussians import AnchorModel
 from scarfmt.tools.dump import Dump
-from scarfmt.tools.inspection import read_metadata
 from scarfmt.tools.truncate import truncate
 from scarfmt.tools.validate import validate
 
@@ -32,7 +32,7 @@ def decoded(data: bytes) -> str:
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore", RuntimeWarning)
                 gaussians(scene, np.zeros(3))
-        read_metadata(Container.open(BytesSource(data)))
+        read_metadata(Container(BytesSource(data)))
     except ScarError as error:
         return error.refusal
     return ""

@@ -106,13 +106,17 @@ def requested(request: DecodeRequest | None, fields: dict[str, Any]) -> DecodeRe
 def decode(
     source: Origin, request: DecodeRequest | None = None, *, counters: Counters | None = None, **fields: Any
 ) -> Decoded:
-    """Decode a file, or what is asked of it, into memory.
+    """Decode a file, or what is asked of it, into memory. Of a URL only the bytes needed are transferred.
 
     Args:
         source: a path, a URL, bytes, or an open :class:`ByteSource`, which stays open.
         request: what to decode; None for what `fields` say, and without them for everything.
         counters: what was read and decoded is added to them.
-        fields: those of :class:`DecodeRequest`, in place of one.
+        fields: those of :class:`DecodeRequest`, in place of one: layers, tiles, box, attributes, limits, threads,
+            allow_truncated, native.
+
+    Returns:
+        The exact values; `scene` makes of them a :class:`GaussianScene`, or an :class:`AnchorModel`.
 
     Raises:
         InvalidInput: ``input-layers``, ``input-tiles``, ``input-box``, ``input-attributes`` for a request that does not

@@ -17,7 +17,7 @@ from scarfmt.arrays import F32, F64, I64, U64, Bools, Floats, Ints
 from scarfmt.blocks.mlp import QuantisedMlp
 from scarfmt.codecs.channels import cell_widths, channel_values, in_binary32
 from scarfmt.coding.tile import TileContent
-from scarfmt.container.directory import Tile
+from scarfmt.container.directory import Tile, corners
 from scarfmt.container.morton import deinterleave
 from scarfmt.container.schema import Stream
 from scarfmt.scene.activation import activated
@@ -46,12 +46,6 @@ def channel_arrays(model: SceneModel, content: TileContent) -> dict[Stream, F32]
             steps = model.steps(len(model.layers), index, content.classes)
             values[channel.stream] = channel_values(content.values[index], channel.first_width, steps)
     return values
-
-
-def corners(lattice_bits: int, depth: NDArray[np.uint8], prefix: U64) -> F64:
-    """(T, 3) float64 lattice coordinates of the lowest corners of T tiles; integers below 2^32 (SPEC §6.2)."""
-    free = (lattice_bits - depth.astype(np.int64)).astype(np.uint64)
-    return (deinterleave(prefix) << free[:, None]).astype(np.float64)
 
 
 def positions(lattice: Lattice, tile: Tile, codes: U64, residuals: F64 | None) -> F64:

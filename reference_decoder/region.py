@@ -5,11 +5,10 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from reference_decoder.reconstruct import corners
 from scarfmt.arrays import F64, I64, U64
 from scarfmt.codecs.channels import REACH
 from scarfmt.coding.reader import SceneReader
-from scarfmt.container.directory import Table
+from scarfmt.container.directory import Table, corners
 from scarfmt.container.schema import TILE_DTYPE
 from scarfmt.limits import MAX_TILE_DEPTH
 from scarfmt.scene.model import Lattice

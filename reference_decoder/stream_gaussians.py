@@ -10,6 +10,7 @@ import numpy as np
 
 from reference_decoder.decode import DecodeRequest, Decoding
 from reference_decoder.region import tile_boxes
+from scarfmt.blocks.metadata import describe
 from scarfmt.coding.reader import SceneReader
 from scarfmt.coding.writer import Report, silent
 from scarfmt.container.schema import Profile
@@ -18,7 +19,6 @@ from scarfmt.counters import Counters
 from scarfmt.errors import InvalidInput
 from scarfmt.formats.output import Described
 from scarfmt.scene.gaussians import GaussianScene
-from scarfmt.tools import inspection
 
 if TYPE_CHECKING:
     from reference_decoder.bake import Baking
@@ -65,6 +65,6 @@ def stream_gaussians(
 def describe_output(reader: SceneReader, count: int | None = None) -> Described:
     """The properties of the scene of a file, of which `count` Gaussians will be written; None where that is unknown."""
     fields = reader.header.fields
-    description = inspection.describe(reader.container)
+    description = describe(reader.container)
     boxes = np.concatenate(tile_boxes(reader.lattice, reader.container.tile_table))
     return Described(fields.sh_degree, fields.coordinate_frame, description, count, places=boxes)

@@ -20,7 +20,7 @@ TYPE_CHECKING = False  # checkers of types take it for true; importing `typing` 
 if TYPE_CHECKING:
     from typing import Any
 
-    from reference_decoder.decode import DecodeRequest
+    from reference_decoder.decode import DecodeRequest, decode, decode_scene
     from reference_decoder.lod_selection import LevelOfDetail
     from reference_encoder.options import EncodeOptions
     from reference_encoder.training.capture import load_capture
@@ -28,8 +28,6 @@ if TYPE_CHECKING:
     from scarfmt.api import (
         ScarFile,
         convert,
-        decode,
-        decode_scene,
         decode_view,
         encode,
         inspect,
@@ -85,6 +83,8 @@ _HOMES = {
     "LevelOfDetail": "reference_decoder.lod_selection",
     "ScarError": "scarfmt.errors",
     "TrainOptions": "reference_encoder.training.options",
+    "decode": "reference_decoder.decode",
+    "decode_scene": "reference_decoder.decode",
     "load_cameras": "scarfmt.render.capture",
     "load_capture": "reference_encoder.training.capture",
 }

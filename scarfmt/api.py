@@ -15,9 +15,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, Self
 
-from reference_decoder.decode import DecodeRequest, iter_tiles, requested
-from reference_decoder.decode import decode as decode_source
-from reference_decoder.decode import decode_scene as decode_scene_source
+from reference_decoder.decode import DecodeRequest, decode, decode_scene, iter_tiles, requested
 from reference_decoder.decoded import Decoded
 from reference_decoder.lod_selection import LevelOfDetail, iter_view
 from reference_decoder.region import tile_boxes
@@ -84,7 +82,7 @@ class ScarFile:
             Malformed, Unsupported, LimitExceeded: the file is refused (SPEC §12).
         """
         for number in range(1, len(self.complete_layers) + 1):
-            yield decode_scene_source(self._kept, layers=number, limits=self._limits, allow_truncated=True)
+            yield decode_scene(self._kept, layers=number, limits=self._limits, allow_truncated=True)
 
     @cached_property
     def tile_boxes(self) -> tuple[F64, F64]:
@@ -98,7 +96,7 @@ class ScarFile:
 
     def decode(self, request: DecodeRequest | None = None, **fields: Any) -> Decoded:
         """Decode what `request`, or its `fields`, ask for, as :func:`decode`."""
-        return decode_source(self.source, self._request(request, fields))
+        return decode(self.source, self._request(request, fields))
 
     def tiles(self, request: DecodeRequest | None = None, **fields: Any) -> Iterator[Decoded]:
         """Decode a tile at a time, leaving out tiles without anchors; memory does not grow with the scene."""
@@ -145,46 +143,6 @@ def open(source: Origin, *, limits: Limits = DEFAULT_LIMITS) -> ScarFile:
         Malformed, Unsupported, LimitExceeded: the header is refused (SPEC §12).
     """
     return ScarFile(source, limits)
-
-
-def decode(
-    source: Origin,
-    request: DecodeRequest | None = None,
-    *,
-    counters: Counters | None = None,
-    **fields: Any,
-) -> Decoded:
-    """Decode a file, or what is asked of it. Of a URL only the bytes needed are transferred.
-
-    Args:
-        source: a path, a URL, bytes, or an open ByteSource, which stays open.
-        request: what to decode; None for what `fields` say, and without them for everything.
-        counters: what was read and computed is added to them.
-        fields: those of :class:`DecodeRequest`, in place of one: layers, tiles, box, attributes, limits, threads,
-            allow_truncated, backend.
-
-    Returns:
-        The exact values; `scene` makes of them a :class:`GaussianScene`, or an :class:`AnchorModel`.
-
-    Raises:
-        InvalidInput: the source cannot be opened, or the request does not fit the file.
-        Malformed, Unsupported, LimitExceeded: the file is refused (SPEC §12).
-    """
-    return decode_source(source, request, counters=counters, **fields)
-
-
-def decode_scene(
-    source: Origin,
-    request: DecodeRequest | None = None,
-    *,
-    counters: Counters | None = None,
-    **fields: Any,
-) -> GaussianScene | AnchorModel:
-    """The Gaussians of a file: the same numbers as ``decode(...).scene``, in half the time and memory.
-
-    Arguments and errors are those of :func:`decode`; all attributes are needed.
-    """
-    return decode_scene_source(source, request, counters=counters, **fields)
 
 
 def decode_view(

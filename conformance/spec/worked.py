@@ -51,7 +51,7 @@ def _key_text(key: TableKey) -> str:
 
 def rans_trace(data: bytes) -> list[tuple[str, int, int, int, int]]:
     """(table, state before, slot, symbol, value) of every symbol of SCALE in layer 2, as SPEC §8.2 reads."""
-    container = Container.open(BytesSource(data))
+    container = Container(BytesSource(data))
     tables: dict[TableKey, SymbolTable] = {}
     for layer in (1, 2):
         block = container.find(BlockKind.TABLES, layer)

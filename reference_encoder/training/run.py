@@ -312,7 +312,7 @@ def evenly(views: Sequence[View], count: int) -> list[View]:
 
 def layer_sizes(data: bytes) -> list[int]:
     """Bytes of a file cut after each of its layers."""
-    return [layer.end_offset for layer in Container.open(BytesSource(data)).header.layers]
+    return [layer.end_offset for layer in Container(BytesSource(data)).header.layers]
 
 
 def train(

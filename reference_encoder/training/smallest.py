@@ -60,7 +60,7 @@ def within_limits(data: bytes, limits: Limits = DEFAULT_LIMITS) -> bool:
     """Whether readers of these limits take a file, and all that truncation makes of it (SPEC R-13.2-2)."""
     source = BytesSource(data)
     try:
-        for layer in range(1, SceneReader(source, limits=FORMAT_LIMITS).layers + 1):
+        for layer in range(1, SceneReader(source, limits=FORMAT_LIMITS).header.layer_count + 1):
             SceneReader(BytesSource(truncate(source, layer)), limits=limits).models()
     except LimitExceeded:
         return False

@@ -192,7 +192,7 @@ def varints(
 
 def _before_the_fault(reader: ByteReader, start: int, bits: int) -> Any:
     """The integers from byte `start` to the first that cannot be read."""
-    reader.rewind(start)
+    reader.position = start
     values: list[int] = []
     try:
         while True:

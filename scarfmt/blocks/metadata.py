@@ -5,12 +5,16 @@ from __future__ import annotations
 import json
 import math
 import re
+import warnings
 from collections.abc import Mapping
 from itertools import accumulate
 from typing import Any
 
-from scarfmt.errors import InvalidInput, LimitExceeded, Malformed
+from scarfmt.container.paged import Container
+from scarfmt.container.registries import BlockKind
+from scarfmt.errors import InputWarning, InvalidInput, LimitExceeded, Malformed
 from scarfmt.limits import MAX_METADATA_DEPTH
+from scarfmt.scene.description import Description
 
 _STRING = re.compile(rb'"[^"\\]*+(?:\\.[^"\\]*+)*+"?+', re.DOTALL)
 _STEP = {**dict.fromkeys(b"[{", 1), **dict.fromkeys(b"]}", -1)}
@@ -80,6 +84,39 @@ def check_registered(metadata: Mapping[str, Any], offset: int | None = None) -> 
     if not (numbers and isinstance(found.get("crs"), str)):
         message = "coordinate_reference is not {crs: string, origin: [x, y, z]} (SPEC §7.10)"
         raise Malformed("bad-metadata", message, offset=offset, field="METADATA")
+
+
+def read_metadata(container: Container) -> dict[str, Any] | None:
+    """The METADATA block's JSON object; None when there is none, or a truncated source does not reach it.
+
+    Raises:
+        Malformed: ``bad-metadata``: it breaks R-7.10-1, as :func:`parse_metadata` says.
+        LimitExceeded: ``limit-metadata``: it has more bytes than the container's limits allow, or is nested deeper than
+            the format allows.
+    """
+    entry = container.find(BlockKind.METADATA, 1)
+    if entry is None or not container.is_available(entry):
+        return None
+    if entry.length > container.limits.metadata_bytes:
+        message = f"{entry.length} bytes exceed this reader's limit of {container.limits.metadata_bytes}"
+        raise LimitExceeded("limit-metadata", message, offset=entry.offset, field="METADATA")
+    return parse_metadata(container.read_block(entry), entry.offset)
+
+
+def describe(container: Container) -> Description:
+    """What the header and METADATA say about the scene; of METADATA that cannot be used, nothing.
+
+    Warns:
+        InputWarning: METADATA breaks its rules.
+    """
+    said = Description.of_header(container.header.fields)
+    try:
+        metadata = read_metadata(container) or {}
+        check_registered(metadata)
+    except (Malformed, LimitExceeded) as error:
+        warnings.warn(f"the up axis and coordinate reference are unknown: {error}", InputWarning, stacklevel=2)
+        return said
+    return said.with_metadata(metadata)
 
 
 def parse_json(data: bytes) -> Any:

@@ -226,7 +226,8 @@ def _write_npz(
     """Write the arrays of a scene, or of some attributes."""
     import numpy as np
 
-    from scarfmt.api import decode, decode_scene, decode_view
+    from reference_decoder.decode import decode, decode_scene
+    from scarfmt.api import decode_view
     from scarfmt.formats.anchor_npz import save_anchor_npz
     from scarfmt.formats.output import Written
     from scarfmt.scene.gaussians import AnchorModel

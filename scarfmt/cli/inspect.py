@@ -60,7 +60,7 @@ def inspect(file: str, metadata: bool, models: bool, streaming: bool, thumbnail:
             from scarfmt.container.file import Container
             from scarfmt.tools.models_report import describe_streaming, format_streaming
 
-            report["streaming"] = describe_streaming(Container.open(source, allow_truncated=True))
+            report["streaming"] = describe_streaming(Container(source, allow_truncated=True))
         if thumbnail is not None:
             _write_thumbnail(source, file, thumbnail, force)
     report["engine"] = {"name": "native" if absence() is None else "numpy", "no_native": absence()}
@@ -79,7 +79,7 @@ def _write_thumbnail(source: ByteSource, file: str, name: str, force: bool) -> N
     from scarfmt.errors import InvalidInput
     from scarfmt.tools.inspection import read_thumbnail
 
-    picture = read_thumbnail(Container.open(source, allow_truncated=True))
+    picture = read_thumbnail(Container(source, allow_truncated=True))
     if picture is None:
         raise InvalidInput("input-options", f"{file} has no thumbnail", field="--thumbnail")
     if not name.endswith(".webp"):

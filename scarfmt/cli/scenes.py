@@ -133,14 +133,14 @@ def load_subject(origin: SceneOrigin, layers: int | None = None) -> Subject:
 
 def _decode(origin: SceneOrigin, layers: int | None) -> GaussianScene | AnchorModel:
     from reference_decoder.decode import decode
+    from scarfmt.blocks.metadata import describe
     from scarfmt.container.file import Container
-    from scarfmt.tools.inspection import describe
 
     with open_input(origin) as source:
         scene = decode(source, layers=layers, allow_truncated=True).scene
         if isinstance(scene, AnchorModel):
             return scene
-        return replace(scene, description=describe(Container.open(source, allow_truncated=True)))
+        return replace(scene, description=describe(Container(source, allow_truncated=True)))
 
 
 def _subject(scene: GaussianScene | AnchorModel) -> Subject:

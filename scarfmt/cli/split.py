@@ -49,7 +49,7 @@ def split(
     _check(output, files, box, rest)
     with ExitStack() as stack:
         source = stack.enter_context(open_input(input_))
-        container = Container.open(source)
+        container = Container(source)
         names = [output, *([rest] if rest else [])] if files is None else _numbered(output, files)
         targets = [stack.enter_context(open_output(name, force)) for name in names]
         if files is not None:

@@ -50,16 +50,11 @@ class SceneReader:
 
     def __init__(self, source: ByteSource, *, limits: Limits = DEFAULT_LIMITS, allow_truncated: bool = False) -> None:
         self._prepared: tuple[tuple[SceneModels, bool], tuple[NeuralModels, ...]] | None = None
-        self.container = Container.open(source, limits=limits, allow_truncated=allow_truncated)
+        self.container = Container(source, limits=limits, allow_truncated=allow_truncated)
         self.header = self.container.header
         self.lattice = Lattice(self.header.fields.origin, self.header.fields.voxel, self.header.fields.lattice_bits)
         # What lies behind it is read as it is needed; that it is there shows here.
         _ = self.container.root
-
-    @property
-    def layers(self) -> int:
-        """Whole layers that can be read."""
-        return self.container.available_layers
 
     def layer_number(self, layers: int | None) -> int:
         """`layers` checked against the file; None means all.
@@ -68,19 +63,20 @@ class SceneReader:
             InvalidInput: ``input-layers``.
             Truncated: ``truncated-block`` when a cut file holds no whole layer.
         """
-        if self.layers == 0:
+        available = self.container.available_layers
+        if available == 0:
             raise Truncated("truncated-block", "the file was cut inside its first layer: nothing can be decoded")
         if layers is None:
-            return self.layers
-        if not 1 <= layers <= self.layers:
-            raise InvalidInput("input-layers", f"the file has {plural(self.layers, 'layer')}, not {layers}")
+            return available
+        if not 1 <= layers <= available:
+            raise InvalidInput("input-layers", f"the file has {plural(available, 'layer')}, not {layers}")
         return layers
 
     def model_payloads(self, layers: int) -> dict[Entry, bytes]:
         """The model blocks of the first `layers` layers; those of one layer, being neighbours, in one request."""
-        kinds = [spec.kind for spec in MODEL_BLOCKS]
-        entries = [self.container.find(kind, layer) for layer in range(1, layers + 1) for kind in kinds]
-        return dict(self.container.read_blocks(entry for entry in entries if entry is not None))
+        kinds = {spec.kind for spec in MODEL_BLOCKS}
+        of_these = (entry for entry in self.container.models if entry.layer <= layers and entry.kind in kinds)
+        return dict(self.container.read_blocks(of_these))
 
     def models(self, layers: int | None = None) -> SceneModels:
         """All model blocks of the first `layers` layers (None: all), to decode any tiles with.

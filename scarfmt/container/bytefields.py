@@ -92,10 +92,14 @@ class Trace(Protocol):
 
 
 class ByteReader:
-    """A cursor over one payload that never reads past its end, and that may be watched by a `trace`."""
+    """A cursor over one payload that never reads past its end, and that may be watched by a `trace`.
+
+    Attributes:
+        position: bytes taken so far; it may be set back.
+    """
 
     def __init__(self, data: bytes, field: str, trace: Trace | None = None) -> None:
-        self._data, self._field, self._at, self.trace = data, field, 0, trace
+        self._data, self._field, self.position, self.trace = data, field, 0, trace
 
     def take(self, length: int) -> bytes:
         """The next `length` bytes.
@@ -103,24 +107,15 @@ class ByteReader:
         Raises:
             Malformed: ``payload-short`` when fewer are left.
         """
-        if length > len(self._data) - self._at:
-            left = len(self._data) - self._at
+        if length > len(self._data) - self.position:
+            left = len(self._data) - self.position
             raise Malformed("payload-short", f"{length} bytes wanted, {left} left in the payload", field=self._field)
-        self._at += length
-        return self._data[self._at - length : self._at]
+        self.position += length
+        return self._data[self.position - length : self.position]
 
     def skip(self) -> None:
         """Take all that is left."""
-        self._at = len(self._data)
-
-    @property
-    def position(self) -> int:
-        """Bytes taken so far."""
-        return self._at
-
-    def rewind(self, position: int) -> None:
-        """Go back to an earlier :attr:`position`."""
-        self._at = position
+        self.position = len(self._data)
 
     def byte(self, position: int) -> int:
         """A byte that was taken."""
@@ -128,7 +123,7 @@ class ByteReader:
 
     def rest(self, most: int) -> bytes:
         """The bytes not yet taken, at most `most` of them, without taking them."""
-        return self._data[self._at : self._at + most]
+        return self._data[self.position : self.position + most]
 
     def unsigned(self, bits: int) -> int:
         """A LEB128 integer below 2^bits.
@@ -137,9 +132,9 @@ class ByteReader:
             Malformed: ``bad-varint`` when it is longer than needed or too large.
         """
         value, shift = 0, 0
-        if self._at < len(self._data) and self._data[self._at] < 0x80 and bits >= 7:
-            self._at += 1
-            return self._data[self._at - 1]
+        if self.position < len(self._data) and self._data[self.position] < 0x80 and bits >= 7:
+            self.position += 1
+            return self._data[self.position - 1]
         while True:
             byte = self.take(1)[0]
             value |= (byte & 0x7F) << shift
@@ -197,8 +192,8 @@ class ByteReader:
         Raises:
             Malformed: ``payload-long`` otherwise.
         """
-        if self._at != len(self._data):
-            left = len(self._data) - self._at
+        if self.position != len(self._data):
+            left = len(self._data) - self.position
             raise Malformed("payload-long", f"{left} bytes after the end of the structure", field=self._field)
 
 

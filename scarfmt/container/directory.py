@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from scarfmt.arrays import U64, Bools
+from scarfmt.arrays import F64, U64, Bools
 from scarfmt.container.header import HeaderFields
 from scarfmt.container.morton import deinterleave
 from scarfmt.container.schema import NO_TILE, TILE_DTYPE, BlockFlag, BlockKind
@@ -50,6 +50,12 @@ def local_bits(fields: HeaderFields, tile: Tile) -> int:
     return fields.lattice_bits - tile.depth - tile.shift
 
 
+def corners(lattice_bits: int, depth: NDArray[np.uint8], prefix: U64) -> F64:
+    """(T, 3) float64 lattice coordinates of the lowest corners of T tiles; integers below 2^32 (SPEC §6.2)."""
+    free = (lattice_bits - depth.astype(np.int64)).astype(np.uint64)
+    return (deinterleave(prefix) << free[:, None]).astype(np.float64)
+
+
 @dataclass(frozen=True)
 class TileFrame:
     """The place of a tile's local coordinates in the lattice (SPEC §6.2).
@@ -67,8 +73,8 @@ class TileFrame:
 
 def tile_frame(fields: HeaderFields, tile: Tile) -> TileFrame:
     """The frame of a tile."""
-    free = fields.lattice_bits - tile.depth
-    x, y, z = (int(c) << free for c in deinterleave(np.array([tile.prefix], np.uint64))[0])
+    depth, prefix = np.array([tile.depth], np.uint8), np.array([tile.prefix], np.uint64)
+    x, y, z = map(int, corners(fields.lattice_bits, depth, prefix)[0])
     return TileFrame(local_bits(fields, tile), tile.shift, (x, y, z))
 
 

@@ -22,7 +22,15 @@ from scarfmt.container.directory import (
     sort_keys,
     tile_table,
 )
-from scarfmt.container.header import Header, HeaderFields, LayerSummary, encode_header, make_header, read_header
+from scarfmt.container.header import (
+    Header,
+    HeaderFields,
+    LayerSummary,
+    encode_header,
+    header_length,
+    make_header,
+    read_header,
+)
 from scarfmt.container.paged import Container, check_crc
 from scarfmt.container.pages import pack_row_pages, pack_tile_pages
 from scarfmt.container.root import Root, pack_root
@@ -32,7 +40,6 @@ from scarfmt.container.schema import (
     STREAM_COUNT,
     BlockKind,
     Stream,
-    header_length,
 )
 from scarfmt.container.source import COALESCE_BYTES as COALESCE_BYTES
 from scarfmt.container.source import BytesSource
@@ -214,6 +221,6 @@ def _check_sayable(directory: Table, layers: int, tiles: int, page_bits: int) ->
 def _check_written(front: bytes) -> None:
     # The reader's own rules are the writer's contract. Unknown critical kinds are a reader's matter.
     try:
-        Container.open(BytesSource(front), limits=FORMAT_LIMITS, allow_truncated=True, readable_kinds=range(256)).load()
+        Container(BytesSource(front), limits=FORMAT_LIMITS, allow_truncated=True, readable_kinds=range(256)).load()
     except ScarError as error:
         raise InvalidInput("input-container", f"the file would break a rule: {error}") from error

@@ -27,7 +27,6 @@ from scarfmt.container.schema import (
     Profile,
     RenderModel,
     field_table,
-    header_length,
 )
 from scarfmt.container.source import ByteSource
 from scarfmt.errors import LimitExceeded, Malformed, Truncated, Unsupported
@@ -119,6 +118,11 @@ class Header:
     def data_offset(self) -> int:
         """D, absolute offset of the first block; ROOT starts at `header_length`."""
         return self.layers[0].end_offset - self.layers[0].byte_count
+
+
+def header_length(layer_count: int) -> int:
+    """Bytes of header, layer summaries and header checksum of a file of `layer_count` layers."""
+    return FILE_HEADER_SIZE + layer_count * LAYER_SUMMARY_SIZE + CHECKSUM_SIZE
 
 
 def make_header(fields: HeaderFields, summaries: list[LayerSummary], page_bits: int, tiles: int, root: bytes) -> Header:

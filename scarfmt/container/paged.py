@@ -8,15 +8,15 @@ from __future__ import annotations
 
 import zlib
 from collections.abc import Iterable, Iterator, Sequence
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Self
 
 import numpy as np
 
 from scarfmt.arrays import I64, U32, Bools
 from scarfmt.container.directory import Entry, Table, Tile, block_name, entry_from_row
-from scarfmt.container.header import Header, read_header
-from scarfmt.container.pages import unpack_row_pages, unpack_tile_pages
+from scarfmt.container.header import read_header
+from scarfmt.container.pages import unpack_each, unpack_row_pages, unpack_tile_pages
 from scarfmt.container.root import Root, unpack_root
 from scarfmt.container.schema import READABLE_KINDS, TILE_DTYPE, BlockKind
 from scarfmt.container.source import COALESCE_BYTES, HEAD_BYTES, ByteSource
@@ -28,44 +28,38 @@ AT_ONCE_BYTES = HEAD_BYTES
 
 
 class Container:
-    """A file opened for reading: :meth:`open` makes one.
+    """A file opened for reading: its header is read and checked.
+
+    Args:
+        source: the file.
+        limits: what this reader accepts.
+        allow_truncated: accept a source that ends early; its whole blocks are readable.
+        readable_kinds: block kinds the caller understands; other critical kinds refuse the file.
 
     Attributes:
         source: where the bytes come from.
         header: the checked header.
         limits: what this reader accepts.
+
+    Raises:
+        Malformed, Truncated, Unsupported, LimitExceeded: see :func:`read_header`.
     """
 
-    def __init__(self, source: ByteSource, header: Header, limits: Limits, readable: frozenset[int]) -> None:
-        self.source, self.header, self.limits, self._readable = source, header, limits, readable
-        self._tiles: dict[int, Table] = {}
-        # By number in ROOT: entries, and their tiles side by side in memory, to search in.
-        self._rows: dict[int, tuple[Table, U32]] = {}
-        self._kept_from, self._kept = 0, b""
-        self._begun = False
-
-    @classmethod
-    def open(
-        cls,
+    def __init__(
+        self,
         source: ByteSource,
         *,
         limits: Limits = DEFAULT_LIMITS,
         allow_truncated: bool = False,
         readable_kinds: Iterable[int] = READABLE_KINDS,
-    ) -> Container:
-        """Read and check the header.
-
-        Args:
-            source: the file.
-            limits: what this reader accepts.
-            allow_truncated: accept a source that ends early; its whole blocks are readable.
-            readable_kinds: block kinds the caller understands; other critical kinds refuse the file.
-
-        Raises:
-            Malformed, Truncated, Unsupported, LimitExceeded: see :func:`read_header`.
-        """
-        header = read_header(source, limits=limits, allow_truncated=allow_truncated)
-        return cls(source, header, limits, frozenset(readable_kinds))
+    ) -> None:
+        self.header = read_header(source, limits=limits, allow_truncated=allow_truncated)
+        self.source, self.limits, self._readable = source, limits, frozenset(readable_kinds)
+        self._tiles: dict[int, Table] = {}
+        # By number in ROOT: entries, and their tiles side by side in memory, to search in.
+        self._rows: dict[int, tuple[Table, U32]] = {}
+        self._kept_from, self._kept = 0, b""
+        self._begun = False
 
     @cached_property
     def root(self) -> Root:
@@ -137,12 +131,13 @@ class Container:
             parts = [data[offset - start : offset - start + length] for offset, length in spans[run]]
             found = list(zip(pages[run], parts, strict=False))
             if found:
-                tables = unpack_tile_pages(found, root.pages, self.header)
+                tables = unpack_each(partial(unpack_tile_pages, pages=root.pages, header=self.header), found)
                 self._tiles.update(zip(pages[run], tables, strict=True))
             first = max(run.start - len(pages), 0)
             found = list(zip(rows[first:], parts[len(found) :], strict=False))
             if found:
-                tables = unpack_row_pages(found, root.rows, self.header, self.limits)
+                read = partial(unpack_row_pages, pages=root.rows, header=self.header, limits=self.limits)
+                tables = unpack_each(read, found)
                 for (number, _), table in zip(found, tables, strict=True):
                     self._rows[number] = table, np.ascontiguousarray(table["tile"])
 
@@ -163,9 +158,7 @@ class Container:
     @cached_property
     def tile_table(self) -> Table:
         """(T,) TILE_DTYPE; reads all tile pages."""
-        pages = range(self.header.page_count)
-        self._read(pages, [])
-        return np.concatenate([np.zeros(0, TILE_DTYPE), *(self._tiles[page] for page in pages)])
+        return self.tile_rows(np.arange(self.header.tile_count))
 
     @cached_property
     def tiles(self) -> tuple[Tile, ...]:

@@ -86,21 +86,7 @@ def _prefix_of(number: int) -> str:
     return f"tile[{number}].prefix"
 
 
-def unpack_tile_pages(found: Found, pages: Table, header: Header) -> list[Table]:
-    """(n,) TILE_DTYPE of each of some pages.
-
-    Args:
-        found: the tile pages.
-        pages: (P,) PAGE_DTYPE of ROOT.
-        header: of the file.
-
-    Raises:
-        Malformed: a rule of SPEC §5.5 is broken; by the first page that breaks one.
-    """
-    return _each_before_the_next(lambda some: _tile_pages(some, pages, header), found)
-
-
-def _each_before_the_next(unpack: Callable[[Found], list[Table]], found: Found) -> list[Table]:
+def unpack_each(unpack: Callable[[Found], list[Table]], found: Found) -> list[Table]:
     """Unpack pages all at once. If one has a fault, unpack them one by one, so that the first fault is reported."""
     try:
         return unpack(found)
@@ -110,7 +96,17 @@ def _each_before_the_next(unpack: Callable[[Found], list[Table]], found: Found) 
     return [table for item in found for table in unpack([item])]
 
 
-def _tile_pages(found: Found, pages: Table, header: Header) -> list[Table]:
+def unpack_tile_pages(found: Found, pages: Table, header: Header) -> list[Table]:
+    """(n,) TILE_DTYPE of each of some pages.
+
+    Args:
+        found: the tile pages.
+        pages: (P,) PAGE_DTYPE of ROOT.
+        header: of the file.
+
+    Raises:
+        Malformed: a rule of SPEC §5.5 is broken.
+    """
     numbers = np.array([page for page, _ in found])
     said = pages[numbers].tolist()
     depth, shift, gaps, edges = bytearray(), bytearray(), list[int](), [0]
@@ -224,12 +220,8 @@ def unpack_row_pages(found: Found, pages: Table, header: Header, limits: Limits)
         limits: what this reader accepts.
 
     Raises:
-        Malformed, LimitExceeded: a rule of SPEC §5.5 is broken; by the first page that breaks one.
+        Malformed, LimitExceeded: a rule of SPEC §5.5 is broken.
     """
-    return _each_before_the_next(lambda some: _row_pages(some, pages, header, limits), found)
-
-
-def _row_pages(found: Found, pages: Table, header: Header, limits: Limits) -> list[Table]:
     columns: list[tuple[I64, I64, I64, NDArray[np.generic]]] = []
     said = pages[[number for number, _ in found]].tolist()
     for (layer, page, _, crc32, _, _, offset, _), (_, data) in zip(said, found, strict=True):

@@ -177,8 +177,3 @@ ENTRY_DTYPE = np.dtype(
 FILE_HEADER_SIZE: int = FILE_HEADER.sizeof()
 LAYER_SUMMARY_SIZE: int = LAYER_SUMMARY.sizeof()
 CHECKSUM_SIZE: int = HEADER_CHECKSUM.sizeof()
-
-
-def header_length(layer_count: int) -> int:
-    """Bytes of header, layer summaries and header checksum of a file of `layer_count` layers."""
-    return FILE_HEADER_SIZE + layer_count * LAYER_SUMMARY_SIZE + CHECKSUM_SIZE

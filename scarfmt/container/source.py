@@ -16,10 +16,10 @@ import stat
 import threading
 from bisect import bisect_right
 from collections.abc import Awaitable, Callable, Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from pathlib import Path
 from types import TracebackType
-from typing import TYPE_CHECKING, Any, BinaryIO, Self, TypeVar
+from typing import TYPE_CHECKING, Any, BinaryIO, TypeVar
 
 from scarfmt.atomic import note_read
 from scarfmt.errors import LimitExceeded, ScarError, Truncated, file_error, missing_package
@@ -56,7 +56,7 @@ _OK, _PARTIAL, _NO_SUCH_RANGE = 200, 206, 416
 T = TypeVar("T")
 
 
-class ByteSource:
+class ByteSource(AbstractContextManager["ByteSource"]):
     """Random access to the bytes of one file: a subclass transfers them in `_fetch`.
 
     Attributes:
@@ -91,9 +91,6 @@ class ByteSource:
 
     def close(self) -> None:
         """Release the file handle, if there is one."""
-
-    def __enter__(self) -> Self:
-        return self
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None

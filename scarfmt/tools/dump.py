@@ -106,7 +106,7 @@ class Dump:
                 source = BytesSource(source.read(0, error.offset))
             elif error.refusal != "truncated-file":
                 return None
-        return Container.open(source, allow_truncated=True)
+        return Container(source, allow_truncated=True)
 
     def _loads(self, container: Container) -> bool:
         try:

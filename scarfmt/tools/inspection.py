@@ -6,16 +6,14 @@ One read of at most 2280 bytes answers, whatever the file's size; only METADATA 
 from __future__ import annotations
 
 import json
-import warnings
 from typing import Any
 
-from scarfmt.blocks.metadata import check_registered, parse_metadata
+from scarfmt.blocks.metadata import read_metadata
 from scarfmt.container.file import Container, Header
 from scarfmt.container.schema import VERSION, BlockKind, Profile, Stream
 from scarfmt.container.source import ByteSource
-from scarfmt.errors import InputWarning, LimitExceeded, Malformed, plural, printable
+from scarfmt.errors import Malformed, plural, printable
 from scarfmt.limits import DEFAULT_LIMITS, MAX_THUMBNAIL, Limits
-from scarfmt.scene.description import Description
 
 _UNITS = {Profile.EXPLICIT: "Gaussian", Profile.ANCHOR: "anchor"}
 
@@ -36,7 +34,7 @@ def inspect(source: ByteSource, *, metadata: bool = False, limits: Limits = DEFA
     Raises:
         Malformed, Truncated, Unsupported, LimitExceeded: when the header, or what `metadata` needs, is refused.
     """
-    container = Container.open(source, limits=limits, allow_truncated=True)
+    container = Container(source, limits=limits, allow_truncated=True)
     header = container.header
     report: dict[str, Any] = {
         "format": "scar",
@@ -97,23 +95,6 @@ def _layers(header: Header) -> list[dict[str, Any]]:
     return rows
 
 
-def read_metadata(container: Container) -> dict[str, Any] | None:
-    """The METADATA block's JSON object; None when there is none, or a truncated source does not reach it.
-
-    Raises:
-        Malformed: ``bad-metadata``: it breaks R-7.10-1, as :func:`scarfmt.blocks.metadata.parse_metadata` says.
-        LimitExceeded: ``limit-metadata``: it has more bytes than the container's limits allow, or is nested deeper than
-            the format allows.
-    """
-    entry = container.find(BlockKind.METADATA, 1)
-    if entry is None or not container.is_available(entry):
-        return None
-    if entry.length > container.limits.metadata_bytes:
-        message = f"{entry.length} bytes exceed this reader's limit of {container.limits.metadata_bytes}"
-        raise LimitExceeded("limit-metadata", message, offset=entry.offset, field="METADATA")
-    return parse_metadata(container.read_block(entry), entry.offset)
-
-
 def read_thumbnail(container: Container) -> bytes | None:
     """The small picture of a scene: a WebP, PNG or JPEG file. None where there is none, or a cut source ends before it.
 
@@ -127,22 +108,6 @@ def read_thumbnail(container: Container) -> bytes | None:
         message = f"{entry.length} bytes: a thumbnail has at most {MAX_THUMBNAIL} (SPEC §7.15)"
         raise Malformed("entry-length", message, offset=entry.offset, field="THUMBNAIL")
     return container.read_block(entry)
-
-
-def describe(container: Container) -> Description:
-    """What the header and METADATA say about the scene; of METADATA that cannot be used, nothing.
-
-    Warns:
-        InputWarning: METADATA breaks its rules.
-    """
-    said = Description.of_header(container.header.fields)
-    try:
-        metadata = read_metadata(container) or {}
-        check_registered(metadata)
-    except (Malformed, LimitExceeded) as error:
-        warnings.warn(f"the up axis and coordinate reference are unknown: {error}", InputWarning, stacklevel=2)
-        return said
-    return said.with_metadata(metadata)
 
 
 def format_text(report: dict[str, Any]) -> str:

@@ -43,7 +43,7 @@ def merge_to(sources: Sequence[ByteSource], target: BinaryIO) -> int:
         InvalidInput: ``input-fields-differ``, ``input-models-differ``, ``input-overlap``.
         Malformed, Truncated, Unsupported, LimitExceeded: what :class:`~scarfmt.container.file.Container` refuses.
     """
-    files = [Container.open(source) for source in sources]
+    files = [Container(source) for source in sources]
     return merged(files).write(files, target)
 
 

@@ -49,7 +49,7 @@ def truncate_to(source: ByteSource, layers: int, target: BinaryIO, *, limits: Li
         Truncated: ``truncated-block`` when the source ends before those layers do.
         Malformed, Unsupported, LimitExceeded: what :class:`~scarfmt.container.file.Container` refuses.
     """
-    container = Container.open(source, limits=limits, allow_truncated=True)
+    container = Container(source, limits=limits, allow_truncated=True)
     header = container.header
     if not 1 <= layers <= header.layer_count:
         message = f"the file has {plural(header.layer_count, 'layer')}, not {layers}"

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from scarfmt.blocks.metadata import check_registered
+from scarfmt.blocks.metadata import check_registered, read_metadata
 from scarfmt.blocks.registry import BLOCKS
 from scarfmt.blocks.spec import Reading
 from scarfmt.blocks.streaming import check_place, checked_streaming
@@ -41,7 +41,6 @@ from scarfmt.entropy.symbol_tables import SymbolTable
 from scarfmt.errors import InvalidInput, Malformed, ScarError, plural
 from scarfmt.limits import DEFAULT_LIMITS, Limits
 from scarfmt.scene.model import SceneModel
-from scarfmt.tools.inspection import read_metadata
 
 ERROR, WARNING = "error", "warning"
 
@@ -135,7 +134,7 @@ def _open(source: ByteSource, limits: Limits, result: Validation) -> SceneReader
             source = BytesSource(source.read(0, error.offset))
         elif error.refusal != "truncated-file":
             return None
-    container = Container.open(source, limits=limits, allow_truncated=True)
+    container = Container(source, limits=limits, allow_truncated=True)
     result.layers_declared, result.layers_available = container.header.layer_count, container.available_layers
     try:
         reader = SceneReader(source, limits=limits, allow_truncated=True)

@@ -40,7 +40,7 @@ def equal(a: Streaming, b: Streaming) -> bool:
 
 
 def opened(data: bytes) -> Container:
-    return Container.open(BytesSource(data))
+    return Container(BytesSource(data))
 
 
 @given(st.integers(0, 40), st.booleans(), st.integers(0, 99))
@@ -87,6 +87,6 @@ def test_a_source_that_does_not_reach_it_tells_nothing() -> None:
     container = opened(data)
     entry = container.find(BlockKind.STREAMING, 1)
     assert entry is not None
-    cut = Container.open(BytesSource(data[: entry.end - 1]), allow_truncated=True)
+    cut = Container(BytesSource(data[: entry.end - 1]), allow_truncated=True)
     assert read_streaming(cut) is None
     assert describe_streaming(cut) is None

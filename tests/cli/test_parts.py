@@ -47,7 +47,7 @@ def corner(path: Path) -> tuple[tuple[float, ...], tuple[float, ...]]:
     from scarfmt.scene.model import Lattice
 
     with FileSource(path) as source:
-        container = Container.open(source)
+        container = Container(source)
         fields = container.header.fields
         low, high = tile_boxes(Lattice(fields.origin, fields.voxel, fields.lattice_bits), container.tile_table)
     middle = tuple(float(value) for value in (low[0] + high[0]) / 2)

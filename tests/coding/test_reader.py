@@ -118,7 +118,7 @@ def test_read_ahead_is_bounded(monkeypatch: pytest.MonkeyPatch) -> None:
     """Tiles are read in batches of so many bytes, or one by one where one has more."""
     scene = random_scene(8, Profile.ANCHOR, anchors=900, layers=3, tiles=40)
     data = write_scene(scene)
-    entries = [e for e in Container.open(BytesSource(data)).entries if e.kind == BlockKind.TILE]
+    entries = [e for e in Container(BytesSource(data)).entries if e.kind == BlockKind.TILE]
     total, largest = sum(e.length for e in entries), 0
     fetch = BytesSource._fetch
 
@@ -140,7 +140,7 @@ def test_read_ahead_is_bounded(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_damage_to_one_tile_does_not_keep_back_those_before_it() -> None:
     """Tiles are read in one request, but verified one by one."""
     data = write_scene(random_scene(8, anchors=900, layers=1, tiles=5))
-    last = Container.open(BytesSource(data)).find(BlockKind.TILE, 1, 4)
+    last = Container(BytesSource(data)).find(BlockKind.TILE, 1, 4)
     assert last is not None
     damaged = bytearray(data)
     damaged[last.offset] ^= 1
@@ -160,7 +160,7 @@ DATA = write_scene(random_scene(1, Profile.EXPLICIT, anchors=60, layers=3))
 
 def test_damage_is_noticed_whether_a_block_is_read_whole_or_in_part() -> None:
     """The block's checksum in one case, the sub-stream's in the other; damage elsewhere does not matter."""
-    container = Container.open(BytesSource(DATA))
+    container = Container(BytesSource(DATA))
     entry = next(e for e in container.entries if e.kind == BlockKind.TILE and e.length > 60)
     damaged = bytearray(DATA)
     damaged[entry.end - 1] ^= 1
@@ -182,13 +182,13 @@ def test_damage_is_noticed_whether_a_block_is_read_whole_or_in_part() -> None:
 
 def test_a_file_cut_in_its_first_layer_has_nothing_to_decode() -> None:
     """The file can be opened, and reports that no layer is complete."""
-    container = Container.open(BytesSource(DATA))
+    container = Container(BytesSource(DATA))
     data = DATA[: container.header.layers[0].end_offset - 1]
     with pytest.raises(Truncated) as strict:
         opened(data)
     assert strict.value.refusal == "truncated-file"
     reader = opened(data, allow_truncated=True)
-    assert reader.layers == 0
+    assert reader.container.available_layers == 0
     with pytest.raises(Truncated) as caught:
         reader.models()
     assert caught.value.refusal == "truncated-block"

@@ -80,7 +80,7 @@ def test_header_counts_are_what_the_layers_hold() -> None:
     """Anchors and Gaussians after each layer, cumulative; masks decide in the anchor profile."""
     for profile in Profile:
         scene = random_scene(3, profile, anchors=300, layers=4)
-        header = Container.open(BytesSource(write_scene(scene))).header
+        header = Container(BytesSource(write_scene(scene))).header
         assert [(s.anchor_count, s.gaussian_count) for s in header.layers] == layer_counts(scene)
         for number, (anchors, gaussians) in enumerate(layer_counts(scene), start=1):
             kept = keep_layers(scene, number).contents
@@ -158,7 +158,7 @@ def test_scenes_that_do_not_fit_together_are_not_written() -> None:
 def test_no_tile_block_is_written_for_nothing(profile: Profile) -> None:
     """R-7.1-7: each has anchors or sub-streams."""
     for seed in range(6):
-        container = Container.open(BytesSource(write_scene(random_scene(seed, profile))))
+        container = Container(BytesSource(write_scene(random_scene(seed, profile))))
         tiles = [entry for entry in container.entries if entry.kind == BlockKind.TILE]
         assert tiles
         assert all(entry.count or container.read_block(entry)[0] for entry in tiles)

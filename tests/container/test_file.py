@@ -13,13 +13,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from scarfmt.container.file import Block, Container, HeaderFields, Tile, write_container
+from scarfmt.container.header import header_length
 from scarfmt.container.schema import (
     BlockKind,
     ColourSpace,
     CoordinateFrame,
     Profile,
     Stream,
-    header_length,
 )
 from scarfmt.container.source import BytesSource
 from scarfmt.errors import InvalidInput, LimitExceeded, Malformed, ScarError, Truncated
@@ -39,7 +39,7 @@ from tests.samples.container_samples import (
 
 def read_all(data: bytes, limits: Limits = FORMAT_LIMITS) -> list[bytes]:
     """Every block of a file, verified."""
-    container = Container.open(BytesSource(data), limits=limits).load()
+    container = Container(BytesSource(data), limits=limits).load()
     return [block for _, block in container.read_blocks(container.entries)]
 
 
@@ -62,7 +62,7 @@ def test_what_is_written_is_read_back(arguments: tuple, page_bits: int, random: 
     shuffled = list(blocks)
     random.shuffle(shuffled)
     assert write_container(fields, tiles, shuffled, counts, page_bits) == data
-    container = Container.open(BytesSource(data), limits=FORMAT_LIMITS, readable_kinds=range(256))
+    container = Container(BytesSource(data), limits=FORMAT_LIMITS, readable_kinds=range(256))
     assert container.header.fields == fields
     assert list(container.tiles) == tiles
     assert [(s.anchor_count, s.gaussian_count) for s in container.header.layers] == counts
@@ -77,7 +77,7 @@ def test_what_is_written_is_read_back(arguments: tuple, page_bits: int, random: 
 def test_blocks_lie_back_to_back_in_directory_order() -> None:
     """The progressive order of SPEC §5.5: by layer, then kind, then tile, no holes."""
     data = sample_file()
-    container = Container.open(BytesSource(data))
+    container = Container(BytesSource(data))
     assert read_all(data) == [block.payload for block in sample_blocks()]
     ends = [container.header.data_offset, *(entry.end for entry in container.entries)]
     assert [entry.offset for entry in container.entries] == ends[:-1]
@@ -86,7 +86,7 @@ def test_blocks_lie_back_to_back_in_directory_order() -> None:
 
 def test_summaries_count_bytes_per_layer_and_stream() -> None:
     """The counts are those that `inspect` prints: stream bytes, the rest of a tile as framing, all else as models."""
-    first, second, _ = Container.open(BytesSource(sample_file())).header.layers
+    first, second, _ = Container(BytesSource(sample_file())).header.layers
     assert first.byte_count == sum(len(b.payload) for b in sample_blocks() if b.layer == 1)
     assert first.stream_bytes[Stream.POSITIONS] == 7
     assert first.stream_bytes[Stream.FRAMING] == len(b"tile zero" + b"tile two") - 9
@@ -97,7 +97,7 @@ def test_summaries_count_bytes_per_layer_and_stream() -> None:
 def test_opening_reads_the_header_and_the_directory_reads_itself() -> None:
     """The container is lazy: two reads bring everything but blocks; neighbours share a request."""
     source = BytesSource(sample_file())
-    container = Container.open(source)
+    container = Container(source)
     assert source.reads == 1
     _ = container.tiles, container.entries
     assert source.reads == 2
@@ -111,7 +111,7 @@ def test_opening_reads_the_header_and_the_directory_reads_itself() -> None:
 
 def test_block_ranges_are_checked() -> None:
     """A sub-stream offset from an untrusted block cannot reach outside it."""
-    container = Container.open(BytesSource(sample_file()))
+    container = Container(BytesSource(sample_file()))
     entry = container.entries[0]
     assert container.read_range(entry, 6, 5) == b"layer"
     for start, length in ((0, 12), (-1, 2), (5, -1), (12, 0)):
@@ -188,7 +188,7 @@ def test_the_deepest_last_cube_is_valid() -> None:
     """One past the last code of depth 21 is 2^63: no overflow in the order check."""
     tiles = [Tile(21, 0, 8**21 - 2), Tile(21, 0, 8**21 - 1)]
     data = write_container(FIELDS, tiles, [], [(0, 0)])
-    assert list(Container.open(BytesSource(data)).tiles) == tiles
+    assert list(Container(BytesSource(data)).tiles) == tiles
 
 
 @pytest.mark.parametrize("kind", [17, 65, 128, 255])
@@ -201,7 +201,7 @@ def test_unknown_ancillary_blocks_are_no_obstacle(kind: int) -> None:
 def test_an_unverified_read_returns_damaged_bytes() -> None:
     """verify=False is for callers with their own check, such as a range read."""
     damaged = BASE[:-1] + bytes([BASE[-1] ^ 1])
-    container = Container.open(BytesSource(damaged))
+    container = Container(BytesSource(damaged))
     assert container.read_block(container.entries[-1], verify=False) == damaged[-7:]
 
 
@@ -210,13 +210,13 @@ def test_an_unverified_read_returns_damaged_bytes() -> None:
 
 def test_every_prefix_is_truncated_or_readable() -> None:
     """A cut file yields exactly its whole blocks; without permission it is refused as truncated."""
-    full = Container.open(BytesSource(BASE)).load()
+    full = Container(BytesSource(BASE)).load()
     for size in range(len(BASE)):
         source = BytesSource(BASE[:size])
         with pytest.raises(Truncated):
-            Container.open(source)
+            Container(source)
         try:
-            part = Container.open(source, allow_truncated=True).load()
+            part = Container(source, allow_truncated=True).load()
         except Truncated:
             assert size < full.header.data_offset
             continue
@@ -237,7 +237,7 @@ def test_declared_sizes_allocate_nothing() -> None:
     size = get(bytes(header), L, 0, "byte_count")
     header[16:24] = header[124:132] = (front + size).to_bytes(8, "little")
     header[36:40] = (1 << 24).to_bytes(4, "little")
-    container = Container.open(BytesSource(bytes(reheaded(header))), allow_truncated=True)
+    container = Container(BytesSource(bytes(reheaded(header))), allow_truncated=True)
     with pytest.raises(Truncated) as caught:
         container.load()
     assert caught.value.refusal == "truncated-directory"
@@ -248,7 +248,7 @@ def test_declared_sizes_allocate_nothing() -> None:
 
 def test_pages_of_1024_tiles_are_written() -> None:
     """The default of the writer is what SPEC asks of encoders (R-5.4-18)."""
-    assert Container.open(BytesSource(sample_file())).header.page_bits == 10
+    assert Container(BytesSource(sample_file())).header.page_bits == 10
 
 
 def _with(index: int, **changes: object) -> list[Block]:

@@ -67,7 +67,7 @@ def scene() -> Scene:
 def opened() -> tuple[Container, Sparse]:
     """The scene, its header read."""
     source = Sparse(scene().front)
-    return Container.open(source), source
+    return Container(source), source
 
 
 def test_all_of_it_is_what_was_written() -> None:
@@ -94,7 +94,7 @@ def test_a_small_directory_is_one_request_whatever_is_asked_of_it() -> None:
     """Asking for its parts would take longer than they do."""
     rows = scene().directory
     source = Sparse(_front_of(rows[(rows["tile"] == NO_TILE) | (rows["tile"] < 8 * PAGE)], 8 * PAGE))
-    container = Container.open(source)
+    container = Container(source)
     assert container.header.data_offset < AT_ONCE_BYTES
     for tile in (0, 2000, 8 * PAGE - 1):
         assert container.find(BlockKind.TILE, 1, tile) is not None
@@ -173,7 +173,7 @@ def test_pages_beside_damage_can_be_used() -> None:
     page = container.root.rows[container.root.row_page(1, 30)]
     damaged = bytearray(scene().front)
     damaged[int(page["offset"]) + 9] ^= 1
-    container = Container.open(Sparse(bytes(damaged)))
+    container = Container(Sparse(bytes(damaged)))
     assert container.find(BlockKind.TILE, 1, 29 * PAGE) == _entry(1, 29 * PAGE)
     assert container.find(BlockKind.TILE, 3, 30 * PAGE) == _entry(3, 30 * PAGE)
     with pytest.raises(Malformed) as caught:
@@ -190,7 +190,7 @@ def test_pages_of_other_sizes_say_the_same() -> None:
         small = rows[(rows["tile"] == NO_TILE) | (rows["tile"] < 900)]
         small = small[small["layer"] <= LAYERS]
         front = _front_of(small, 900)
-        header = Container.open(Sparse(front)).header
+        header = Container(Sparse(front)).header
         again = encode_front(
             header.fields,
             scene().tiles[:900],
@@ -199,7 +199,7 @@ def test_pages_of_other_sizes_say_the_same() -> None:
             [layer.stream_bytes for layer in header.layers],
             bits,
         )
-        container = Container.open(Sparse(again)).load()
+        container = Container(Sparse(again)).load()
         assert container.header.page_count == -(-900 // (1 << bits))
         assert (container.tile_table == scene().tiles[:900]).all()
         names = [name for name in ENTRY_DTYPE.names if name != "offset"]

@@ -114,7 +114,7 @@ def test_culled_tiles_are_not_read() -> None:
     decode(everything)
     assert nothing.bytes_read < source.bytes_read < everything.bytes_read
     # Header, tables and models only.
-    entries = Container.open(BytesSource(data)).entries
+    entries = Container(BytesSource(data)).entries
     tile_bytes = sum(entry.length for entry in entries if entry.kind == BlockKind.TILE)
     assert nothing.bytes_read == everything.bytes_read - tile_bytes
 
@@ -125,7 +125,7 @@ def test_row_pages_that_are_not_needed_are_not_read(monkeypatch: pytest.MonkeyPa
     monkeypatch.setattr(paged, "AT_ONCE_BYTES", 0)
     data = in_pages(write_scene(random_scene(3, anchors=900, layers=3, tiles=30)), 2)
     assert_equal(decode(data), decode(in_pages(data, 10)))
-    header, rows = Container.open(BytesSource(data)).header, Container.open(BytesSource(data)).root.rows
+    header, rows = Container(BytesSource(data)).header, Container(BytesSource(data)).root.rows
     first = int(rows["offset"][0])
     for request, wanted in (
         (DecodeRequest(layers=1), rows["layer"] == 1),
@@ -153,7 +153,7 @@ def test_what_may_not_be_held_at_once_is_refused() -> None:
         assert len(gather(data, limits=Limits(gathered=900))) == 900
     assert sum(map(len, iter_tiles(data, limits=few))) == 900
     anchors = write_scene(random_scene(3, Profile.ANCHOR, anchors=100))
-    slots = 100 * Container.open(BytesSource(anchors)).header.fields.slots
+    slots = 100 * Container(BytesSource(anchors)).header.fields.slots
     assert len(decode(anchors, limits=Limits(gathered_slots=slots))) == 100
     with pytest.raises(LimitExceeded, match="slots"):
         decode(anchors, limits=Limits(gathered_slots=slots - 1))
@@ -180,7 +180,7 @@ def test_attributes_are_those_of_the_whole_and_others_are_not_read(profile: Prof
 def test_latents_left_out_are_bytes_not_transferred() -> None:
     """The point of sub-streams: a point cloud costs no spherical harmonics."""
     data = write_scene(random_scene(2, anchors=4000, sh_degree=3))
-    container = Container.open(BytesSource(data))
+    container = Container(BytesSource(data))
     indices = sum(layer.stream_bytes[Stream.INDICES] for layer in container.header.layers)
     blocks = sum(entry.kind == BlockKind.TILE for entry in container.entries)
     source = BytesSource(data)
@@ -276,7 +276,7 @@ def test_tiles_of_which_nothing_is_said_cost_next_to_nothing(monkeypatch: pytest
     """A directory of a MiB lists 340,000 of them, of 16 layers each: none is opened, by decode or validate."""
     scene = random_scene(3, anchors=60, tiles=40, layers=2)
     data = write_scene(scene)
-    container = Container.open(BytesSource(data))
+    container = Container(BytesSource(data))
     filled = {entry.tile for entry in container.load().entries if entry.kind == BlockKind.TILE}
     assert 0 < len(filled) < 40
     opened: list[int] = []

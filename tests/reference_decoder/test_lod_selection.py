@@ -24,7 +24,7 @@ ALL = DecodeRequest()
 
 
 def container() -> Container:
-    return Container.open(BytesSource(DATA)).load()
+    return Container(BytesSource(DATA)).load()
 
 
 def camera(away: float) -> Camera:

@@ -75,7 +75,7 @@ def test_pages_far_from_the_box_are_not_read(monkeypatch: pytest.MonkeyPatch) ->
     # As if the directory were large: small ones are read whole.
     monkeypatch.setattr(paged, "AT_ONCE_BYTES", 0)
     data = in_pages(write_scene(random_scene(3, anchors=2000, layers=2, tiles=60)), 1)
-    container = Container.open(BytesSource(data))
+    container = Container(BytesSource(data))
     lattice = SceneReader(BytesSource(data)).lattice
     low, high = tile_boxes(lattice, container.tile_table)
     pages = container.root.pages

@@ -105,12 +105,12 @@ def test_the_first_view_is_amid_the_cameras(scene: QuantisedScene) -> None:
 def test_files_of_a_single_tile_have_a_view_too(source: GaussianScene) -> None:
     """Of one tile there is no choice, but of places to look from there is."""
     options = replace(OPTIONS, tile_anchors=4096)
-    streaming = read_streaming(Container.open(BytesSource(encode(source, options))))
+    streaming = read_streaming(Container(BytesSource(encode(source, options))))
     assert streaming is not None
     assert streaming.tiles == 1
     assert streaming.view is not None
     assert any(np.allclose(streaming.view.position, camera.centre) for camera in (NEAR_LEFT, NEAR_RIGHT))
-    without = read_streaming(Container.open(BytesSource(encode(source, replace(options, cameras=None)))))
+    without = read_streaming(Container(BytesSource(encode(source, replace(options, cameras=None)))))
     assert without is not None
     assert without.view is not None
 

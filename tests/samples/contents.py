@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from scarfmt.blocks.metadata import read_metadata
 from scarfmt.coding.reader import SceneReader
 from scarfmt.coding.tile import TileContent
 from scarfmt.container.schema import Stream
 from scarfmt.container.source import BytesSource
 from scarfmt.limits import DEFAULT_LIMITS, Limits
-from scarfmt.tools.inspection import read_metadata
 
 Contents = list[TileContent]
 

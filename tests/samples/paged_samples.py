@@ -20,7 +20,7 @@ class Recorded(BytesSource):
 
 def in_pages(data: bytes, page_bits: int) -> bytes:
     """The same file with other pages."""
-    container = Container.open(BytesSource(data))
+    container = Container(BytesSource(data))
     header = container.header
     counts = [(layer.anchor_count, layer.gaussian_count) for layer in header.layers]
     streams = [layer.stream_bytes for layer in header.layers]

@@ -93,7 +93,7 @@ def test_what_follows_the_file_is_named() -> None:
 def test_a_damaged_block_does_not_hide_the_next() -> None:
     """The directory says where it begins."""
     data = bytearray(write_scene(random_scene(3)))
-    first = next(entry for entry in Container.open(BytesSource(bytes(data))).entries if entry.kind == BlockKind.LAYER)
+    first = next(entry for entry in Container(BytesSource(bytes(data))).entries if entry.kind == BlockKind.LAYER)
     data[first.offset] = 9
     rows, refusals = dumped(bytes(data))
     assert refusals[:2] == ["crc-mismatch", "unsupported-entropy-mode"]

@@ -15,7 +15,8 @@ from fuzz.testing.scenes import random_scene
 from scarfmt.coding.reader import SceneReader
 from scarfmt.coding.writer import write_scene
 from scarfmt.container.file import Block, Container, write_container
-from scarfmt.container.schema import BlockKind, header_length
+from scarfmt.container.header import header_length
+from scarfmt.container.schema import BlockKind
 from scarfmt.container.source import ByteSource, BytesSource
 from scarfmt.errors import LimitExceeded, ScarError, Truncated
 from scarfmt.limits import Limits
@@ -73,7 +74,7 @@ def test_the_report_is_json_and_adds_up() -> None:
 def test_a_cut_file_is_described_with_what_arrived() -> None:
     """inspect helps with a partial download instead of refusing it."""
     data = sample_file()
-    end = Container.open(BytesSource(data)).header.layers[1].end_offset
+    end = Container(BytesSource(data)).header.layers[1].end_offset
     report = inspect(BytesSource(data[:end]))
     assert (report["complete"], report["layers_available"], report["bytes_present"]) == (False, 2, end)
     assert "cut short" in format_text(report)
@@ -87,7 +88,7 @@ def test_metadata_only_when_asked() -> None:
     report = inspect(BytesSource(data), metadata=True)
     assert report["metadata"] == {"title": "sample"}
     assert '"title": "sample"' in format_text(report)
-    cut = Container.open(BytesSource(data)).entries[4].end - 1
+    cut = Container(BytesSource(data)).entries[4].end - 1
     assert inspect(BytesSource(data[:cut]), metadata=True)["metadata"] is None
     without = write_container(FIELDS, TILES, [], [(0, 0)])
     assert inspect(BytesSource(without), metadata=True)["metadata"] is None

@@ -45,7 +45,7 @@ def merge(files: list[bytes]) -> bytes:
 
 
 def halves(data: bytes) -> list[bytes]:
-    return split(data, even_parts(Container.open(BytesSource(data)), 2))
+    return split(data, even_parts(Container(BytesSource(data)), 2))
 
 
 @settings(deadline=None, max_examples=20)
@@ -53,7 +53,7 @@ def halves(data: bytes) -> list[bytes]:
 def test_what_was_split_is_merged_to_the_same_bytes(profile: Profile, streaming: bool, data: st.DataObject) -> None:
     """However its tiles are divided, also where parts lie between each other; in any order."""
     whole = written(profile, streaming)
-    header = Container.open(BytesSource(whole)).header
+    header = Container(BytesSource(whole)).header
     owners = np.array(data.draw(st.lists(st.integers(0, 3), min_size=header.tile_count, max_size=header.tile_count)))
     parts = split(whole, [np.flatnonzero(owners == owner) for owner in np.unique(owners)])
     assert merge(data.draw(st.permutations(parts))) == whole

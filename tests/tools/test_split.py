@@ -21,7 +21,7 @@ from scarfmt.tools.validate import validate
 @pytest.mark.parametrize("profile", [*Profile])
 def test_each_part_is_valid_and_decodes_to_its_tiles(profile: Profile) -> None:
     data = write_scene(random_scene(5, profile, tiles=8))
-    tiles = Container.open(BytesSource(data)).header.tile_count
+    tiles = Container(BytesSource(data)).header.tile_count
     parts = [np.arange(0, tiles, 2), np.arange(1, tiles, 2)]
     targets = [io.BytesIO() for _ in parts]
     split_to(BytesSource(data), parts, targets)
@@ -37,16 +37,16 @@ def test_each_part_is_valid_and_decodes_to_its_tiles(profile: Profile) -> None:
 def test_the_source_is_divided_among_the_parts() -> None:
     """The source counts of the parts add up to that of the whole."""
     data = write_scene(random_scene(5, Profile.EXPLICIT, tiles=8))
-    container = Container.open(BytesSource(data))
+    container = Container(BytesSource(data))
     parts = even_parts(container, 3)
     targets = [io.BytesIO() for _ in parts]
     split_to(BytesSource(data), parts, targets)
-    counts = [Container.open(BytesSource(target.getvalue())).header.fields.source_count for target in targets]
+    counts = [Container(BytesSource(target.getvalue())).header.fields.source_count for target in targets]
     assert sum(counts) == container.header.fields.source_count
 
 
 def test_even_parts_are_of_about_equal_size_and_none_is_empty() -> None:
-    container = Container.open(BytesSource(write_scene(random_scene(5, Profile.EXPLICIT, tiles=8))))
+    container = Container(BytesSource(write_scene(random_scene(5, Profile.EXPLICIT, tiles=8))))
     tiles = container.header.tile_count
     for count in range(1, tiles + 1):
         parts = even_parts(container, count)
@@ -57,7 +57,7 @@ def test_even_parts_are_of_about_equal_size_and_none_is_empty() -> None:
 
 @pytest.mark.parametrize("parts", [0, 10_000])
 def test_more_parts_than_tiles_are_refused(parts: int) -> None:
-    container = Container.open(BytesSource(write_scene(random_scene(5, Profile.EXPLICIT, tiles=8))))
+    container = Container(BytesSource(write_scene(random_scene(5, Profile.EXPLICIT, tiles=8))))
     with pytest.raises(InvalidInput, match="the file has 8 tiles") as caught:
         even_parts(container, parts)
     assert caught.value.refusal == "input-parts"

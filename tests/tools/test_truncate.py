@@ -79,7 +79,7 @@ def test_layers_that_do_not_exist_are_invalid_input(layers: int) -> None:
 def test_damage_is_not_copied() -> None:
     """Blocks are verified on the way: a damaged file does not become a valid-looking one."""
     data = bytearray(sample_file())
-    data[Container.open(BytesSource(bytes(data))).entries[1].offset] ^= 1
+    data[Container(BytesSource(bytes(data))).entries[1].offset] ^= 1
     with pytest.raises(Malformed) as caught:
         truncate(BytesSource(bytes(data)), 1)
     assert caught.value.refusal == "crc-mismatch"
@@ -95,7 +95,7 @@ def test_damage_in_dropped_layers_does_not_matter() -> None:
 def test_a_partial_download_becomes_a_whole_file() -> None:
     """Any whole layers that arrived can be saved as a conforming file."""
     data = sample_file()
-    end = Container.open(BytesSource(data)).header.layers[1].end_offset
+    end = Container(BytesSource(data)).header.layers[1].end_offset
     assert truncate(BytesSource(data[: end + 3]), 2) == sample_file(2)
     with pytest.raises(Truncated) as caught:
         truncate(BytesSource(data[: end - 1]), 2)

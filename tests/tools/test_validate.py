@@ -86,8 +86,8 @@ def test_any_flipped_bit_is_found(explicit: bytes, data: st.DataObject) -> None:
 def test_any_cut_is_found_and_tells_the_whole_layers(explicit: bytes, data: st.DataObject) -> None:
     size = data.draw(st.integers(0, len(explicit) - 1))
     result = check(explicit[:size])
-    whole = Container.open(BytesSource(explicit)).header.layers
-    header = Container.open(BytesSource(explicit)).header.header_length
+    whole = Container(BytesSource(explicit)).header.layers
+    header = Container(BytesSource(explicit)).header.header_length
     assert refusals(result)[0] in ("truncated-file", "truncated-header")
     whole_layers = sum(layer.end_offset <= size for layer in whole) if size >= header else 0
     assert result.layers_readable == result.layers_available == whole_layers
@@ -95,7 +95,7 @@ def test_any_cut_is_found_and_tells_the_whole_layers(explicit: bytes, data: st.D
 
 def test_all_damaged_blocks_are_told_not_only_the_first(explicit: bytes) -> None:
     damaged = bytearray(explicit)
-    entries = [e for e in Container.open(BytesSource(explicit)).entries if e.kind == BlockKind.TILE]
+    entries = [e for e in Container(BytesSource(explicit)).entries if e.kind == BlockKind.TILE]
     for entry in entries[:3]:
         damaged[entry.offset + 20] ^= 1
     result = check(bytes(damaged))
@@ -106,7 +106,7 @@ def test_all_damaged_blocks_are_told_not_only_the_first(explicit: bytes) -> None
 def test_layers_are_readable_up_to_the_first_that_a_damaged_block_belongs_to(explicit: bytes, layer: int) -> None:
     """A layer that has arrived is not readable if one of its blocks is damaged."""
     damaged = bytearray(explicit)
-    for entry in Container.open(BytesSource(explicit)).entries:
+    for entry in Container(BytesSource(explicit)).entries:
         if entry.kind == BlockKind.TILE and entry.layer >= layer:
             damaged[entry.offset + 20] ^= 1
     result = check(bytes(damaged))
@@ -132,7 +132,7 @@ def test_a_layer_whose_symbols_do_not_decode_is_not_readable(explicit: bytes, la
 
 
 def test_a_damaged_tile_leaves_the_others_checked(explicit: bytes) -> None:
-    entry = next(e for e in Container.open(BytesSource(explicit)).entries if e.kind == BlockKind.TILE)
+    entry = next(e for e in Container(BytesSource(explicit)).entries if e.kind == BlockKind.TILE)
     damaged = bytearray(explicit)
     damaged[entry.offset] ^= 1
     assert check(bytes(damaged)).tiles_decoded == 2
@@ -215,7 +215,7 @@ def test_the_json_form_is_json_and_says_valid(explicit: bytes) -> None:
 def test_rules_marked_v_are_reported_after_all_others() -> None:
     """R-12.2-2: counts and sums that a decoder need not compare, found with the first block, are reported last."""
     data = write_scene(random_scene(3, Profile.EXPLICIT))
-    container = Container.open(BytesSource(data))
+    container = Container(BytesSource(data))
     counts = [(layer.anchor_count, layer.gaussian_count) for layer in container.header.layers]
     blocks = [
         Block(e.kind, e.layer, payload, e.tile, e.count + (e.kind == BlockKind.LAYER), {}, e.flags)

@@ -87,9 +87,9 @@ def test_container() -> None:
     """SPEC §5.1, §5.2, §5.4, §5.5, §6.2."""
     for data, refusal in ((b"\x89S", "truncated-header"), (b"xSCAR", "damaged-signature"), (b"SCA", "bad-signature")):
         with pytest.raises(ScarError, match=refusal):
-            Container.open(BytesSource(data))
+            Container(BytesSource(data))
     shows("5.2", len(WORKED), FREE_ANCHORS + len(WORKED))
-    (tile,) = Container.open(BytesSource(WORKED)).tiles
+    (tile,) = Container(BytesSource(WORKED)).tiles
     base, past = tile.prefix << 60, (tile.prefix + 1) << 60
     shows("5.4", tile.depth, tile.prefix, base >> 60, 1, tile.prefix + 2, ((tile.prefix + 2) << 60) - base >> 60)
     shows("5.5", tile.depth, tile.prefix, past >> 60, 2, -(-past >> 57), (-(-past >> 57)) + 3)
@@ -146,7 +146,7 @@ def test_limits_and_truncation() -> None:
     content = FREE_CONTENT + Limits().content_per_byte * len(WORKED)
     work = FREE_WORK + Limits().work_per_byte * len(WORKED)
     shows("13.2", len(WORKED), content, work, *tables, sum(tables), Work(Decoder(WORKED, 2)).total())
-    whole, cut = (Container.open(BytesSource(data)).header for data in (WORKED, truncate(BytesSource(WORKED), 1)))
+    whole, cut = (Container(BytesSource(data)).header for data in (WORKED, truncate(BytesSource(WORKED), 1)))
     parts = (whole.header_length - cut.header_length, whole.root_length - cut.root_length, whole.layers[1].byte_count)
     lost = whole.file_length - cut.file_length
     shows("14", whole.file_length, cut.file_length, *parts[:2], lost - sum(parts), parts[2])

@@ -51,7 +51,7 @@ def stages(path: str, layers: int = 0, manner: Manner = WHOLE) -> dict[str, Any]
 
 
 def tile_entries(data: bytes) -> list[Entry]:
-    return [entry for entry in Container.open(BytesSource(data)).entries if entry.kind == BlockKind.TILE]
+    return [entry for entry in Container(BytesSource(data)).entries if entry.kind == BlockKind.TILE]
 
 
 # ------------------------------------------------------------------------------------------------ exact stages

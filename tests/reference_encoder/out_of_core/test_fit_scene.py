@@ -61,7 +61,7 @@ def test_half_of_a_scene_decides_about_what_all_of_it_does() -> None:
 
 def bytes_and_psnr(data: bytes) -> tuple[int, float]:
     """The bytes of a file without framing, and its mean PSNR from views of its own; equal pictures count 60 dB."""
-    layers = Container.open(BytesSource(data)).header.layers
+    layers = Container(BytesSource(data)).header.layers
     framing = sum(layer.stream_bytes[Stream.FRAMING] for layer in layers)
     around, found = Surroundings.of(example(), AUTO), decode(data).scene
     cameras = [camera.sampled(4) for kind in KINDS for camera in viewpoints(around, kind, 8, seed=99)]

@@ -60,7 +60,7 @@ def expected(origin: str, tmp_path_factory: pytest.TempPathFactory) -> bytes:
 def test_the_file_is_sound_and_holds_the_scene(expected: bytes) -> None:
     found = validate(BytesSource(expected))
     assert found.valid, found.findings
-    header = Container.open(BytesSource(expected)).header
+    header = Container(BytesSource(expected)).header
     assert header.fields.source_count == 4000
     assert header.tile_count >= 4
     assert 1000 < header.anchor_count <= 4000
@@ -70,7 +70,7 @@ def test_a_draft_needs_no_survey(origin: str, tmp_path: Path) -> None:
     options = EncodeOptions(effort=0, layers=2, quality=38.0, tile_anchors=1024)
     data = encoded(job_in(tmp_path, origin, options=options))
     assert validate(BytesSource(data)).valid
-    assert Container.open(BytesSource(data)).header.anchor_count > 1000
+    assert Container(BytesSource(data)).header.anchor_count > 1000
 
 
 def test_two_processes_make_the_same_bytes(origin: str, expected: bytes, tmp_path: Path) -> None:

@@ -90,8 +90,8 @@ def _stages(reader: SceneReader, layers: int, stage: str, manner: Manner) -> Ite
     """
     import numpy as np
 
+    from scarfmt.blocks.metadata import read_metadata
     from scarfmt.blocks.streaming import read_streaming
-    from scarfmt.tools.inspection import read_metadata
     from scarfmt_conformance.reference import stages as of
     from scarfmt_conformance.reference.activated import activated_arrays
 
