@@ -218,7 +218,7 @@ def save(
         return
     from scarfmt.formats.anchor_npz import save_anchor_npz
     from scarfmt.formats.output import Described
-    from scarfmt.formats.outputs import OutputOptions, open_targets, output_of, write_parts
+    from scarfmt.formats.outputs import open_targets, output_of, write_parts
 
     if isinstance(scene, AnchorModel):
         if not name.lower().endswith(".npz"):
@@ -227,7 +227,7 @@ def save(
             save_anchor_npz(scene, file)
         return
     format_id = output_of(name).id
-    with open_targets(name, format_id, OutputOptions(), write) as (file, settled):
+    with open_targets(name, format_id, None, write) as (file, settled):
         written = write_parts(format_id, [scene], Described.of(scene), file, settled)
     for note in written.notes:
         warnings.warn(note, InputWarning, stacklevel=2)

@@ -54,17 +54,15 @@ def output_options(format_id: str, said: dict[str, Any]) -> OutputOptions:
     Raises:
         click.UsageError: one was given for another format.
     """
-    from scarfmt.formats.outputs import OutputOptions
-
     names = ("version", "fraction_bits", "sh_bits")
     given = {name: value for name in names if (value := said.pop(f"spz_{name}")) not in (None, ())}
     if given and format_id != "spz":
         raise click.UsageError("--spz-version, --spz-fraction-bits and --spz-sh-bits are for an .spz output")
     if not given:
-        return OutputOptions()
+        return None
     from scarfmt.formats.spz import SpzOptions
 
-    return OutputOptions(SpzOptions(**given))
+    return SpzOptions(**given)
 
 
 def output_format(name: str, chosen: str | None, others: tuple[str, ...] = ()) -> str:

@@ -14,7 +14,6 @@ from scarfmt.blocks.registry import BLOCKS, MODEL_BLOCKS
 from scarfmt.blocks.spec import Inflate, Reading
 from scarfmt.coding.checks_of_models import check_index_network, check_networks
 from scarfmt.coding.tile import NeuralModels
-from scarfmt.coding.work import DeclaredWork
 from scarfmt.container.directory import Entry, block_name
 from scarfmt.container.header import HeaderFields
 from scarfmt.container.registries import BlockKind, Stream
@@ -120,12 +119,6 @@ class SceneModels:
     predictors: tuple[dict[tuple[int, int, int], Predictor], ...] = ()
     network: IndexNetwork | None = None
     grid: HashGrid | None = None
-
-    @property
-    def work(self) -> DeclaredWork:
-        """The work of decoding with these models."""
-        networks = (*(() if self.decoder is None else (self.decoder,)), *self.scene_mlps)
-        return DeclaredWork(self.model, self.tables, self.predictors, self.network, self.codebooks, self.grid, networks)
 
     def neural(self, *, indices: bool = True) -> tuple[NeuralModels, ...]:
         """The models that code symbols beside static tables, for each layer.

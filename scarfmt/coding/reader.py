@@ -16,7 +16,7 @@ from scarfmt.arrays import I64
 from scarfmt.blocks.registry import MODEL_BLOCKS
 from scarfmt.coding.models import ModelBlocks, SceneModels, load_models, placed
 from scarfmt.coding.tile import NeuralModels, TileContent, coded_streams, get_layer, needed_streams
-from scarfmt.coding.work import Contents, Extent, check_work, extent
+from scarfmt.coding.work import Contents, Extent, check_work, declared_work, extent
 from scarfmt.container.directory import tile_frame
 from scarfmt.container.file import COALESCE_BYTES, Container, Entry, check_crc
 from scarfmt.container.schema import Stream
@@ -97,7 +97,7 @@ class SceneReader:
         :meth:`models`."""
         contents = Contents(self.header.file_length, self.container.limits)
         models = load_models(self.header.fields, layers, ModelBlocks(payloads, contents.decompress))
-        declared = models.work.total(self.extent(layers, np.array(tiles, np.int64)))
+        declared = declared_work(models, self.extent(layers, np.array(tiles, np.int64)))
         check_work(declared, self.header.file_length, self.container.limits)
         return models
 

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from scarfmt.arrays import I64
-from scarfmt.blocks.mlp import QuantisedMlp
+from scarfmt.coding.models import SceneModels
 from scarfmt.container.bytefields import decompress
 from scarfmt.container.directory import Table
 from scarfmt.container.schema import Profile, Stream
@@ -22,10 +22,8 @@ from scarfmt.entropy.keys import TableKey
 from scarfmt.entropy.symbol_tables import SymbolTable
 from scarfmt.errors import LimitExceeded
 from scarfmt.limits import FREE_CONTENT, FREE_WORK, Limits
-from scarfmt.neural.grid import HashGrid
 from scarfmt.neural.network import IndexNetwork
-from scarfmt.neural.predictors import Predictor
-from scarfmt.scene.model import Codebooks, LayerRow, SceneModel
+from scarfmt.scene.model import LayerRow, SceneModel
 
 SYMBOL = 1 << 8
 """One symbol from a table."""
@@ -93,112 +91,98 @@ def extent(counts: I64, tiles: Table, lattice_bits: int) -> Extent:
     return Extent((counts.cumsum(axis=1) > 0).sum(axis=0), int(counts.sum()), splits)
 
 
-class DeclaredWork:
-    """The work of decoding a file's first layers, in the terms of SPEC §13.2.
+def declared_work(models: SceneModels, declared: Extent) -> int:
+    """The work of decoding so many tiles and anchors with some models, in the terms of SPEC §13.2."""
+    model, tables = models.model, list(_by_step(models.tables))
+    layers = range(1, len(model.layers) + 1)
+    started = sum(
+        int(count) * _of_tile(models, tables[layer - 1], layer)
+        for layer, count in zip(layers, declared.tiles, strict=True)
+    )
+    classes = range(model.layers[-1].class_count)
+    refined = max(sum(_of_anchor(models, layer, kind) for layer in layers) for kind in classes)
+    once = sum(tables[-1].values()) * RECORD + _of_networks(models)
+    return once + started + SPLIT * declared.splits + declared.anchors * (refined + _of_result(models))
 
-    Args:
-        model: of those layers.
-        tables: static tables in force in each layer, by key.
-        predictors: in force in each layer, by key.
-        network, books, grid: of the index network, or None.
-        networks: what is applied to every anchor in the end, the latent decoder first.
-    """
 
-    def __init__(
-        self,
-        model: SceneModel,
-        tables: Sequence[Mapping[TableKey, SymbolTable]],
-        predictors: tuple[dict[tuple[int, int, int], Predictor], ...],
-        network: IndexNetwork | None,
-        books: Codebooks | None,
-        grid: HashGrid | None,
-        networks: tuple[QuantisedMlp, ...],
-    ) -> None:
-        self._model, self._predictors = model, predictors
-        self._tables = list(_by_step(tables))
-        self._network, self._books, self._grid, self._networks = network, books, grid, networks
+def _of_networks(models: SceneModels) -> int:
+    """Work for the hash grid and the index network, before anything is decoded with them."""
+    bits = sum(level.bits for level in models.grid.levels) if models.grid else 0
+    prepared = 0
+    if models.network is not None and models.codebooks is not None:
+        codewords = sum(models.codebooks.sizes)
+        prepared = codewords * sum(gru.inputs[0].size + gru.recurrent.size for gru in models.network.gru)
+    return bits * BIT + prepared
 
-    def total(self, declared: Extent) -> int:
-        """Work for so many tiles and anchors."""
-        layers = range(1, len(self._model.layers) + 1)
-        started = sum(int(count) * self._of_tile(layer) for layer, count in zip(layers, declared.tiles, strict=True))
-        classes = range(self._model.layers[-1].class_count)
-        refined = max(sum(self._of_anchor(layer, kind) for layer in layers) for kind in classes)
-        split = SPLIT * declared.splits
-        return self._once() + started + split + declared.anchors * (refined + self._of_result())
 
-    def _once(self) -> int:
-        records = sum(self._tables[-1].values())
-        bits = sum(level.bits for level in self._grid.levels) if self._grid else 0
-        prepared = 0
-        if self._network is not None and self._books is not None:
-            codewords = sum(self._books.sizes)
-            prepared = codewords * sum(gru.inputs[0].size + gru.recurrent.size for gru in self._network.gru)
-        return records * RECORD + bits * BIT + prepared
+def _of_tile(models: SceneModels, tables: Counter[tuple[int, int]], layer: int) -> int:
+    """Work for beginning a layer of a tile, in which so many `tables` of each (stream, step) are in force."""
+    row, steps = models.model.layers[layer - 1], _steps(models.model, layer)
+    passes = models.model.context.passes_log2 + 1
+    predicted = {(stream, step) for stream, _, step in models.predictors[layer - 1]} & steps
+    # Tables that the layer may code with: those of `steps`, of no step, and of offsets.
+    usable = sum(n for key, n in tables.items() if not key[1] or key[0] == Stream.OFFSETS or key in steps)
+    total = TILE_LAYER + GROUP * usable * (passes if predicted else 1)
+    total += PASS * passes * len(predicted)
+    if row.neural and models.network is not None:
+        clusters = max(len(head.clusters) for head in models.network.heads)
+        total += max(row.stages) * passes * (STAGE_PASS + CLUSTER * clusters)
+    return total
 
-    def _of_tile(self, layer: int) -> int:
-        row, steps = self._model.layers[layer - 1], self._steps(layer)
-        passes = self._model.context.passes_log2 + 1
-        predicted = {(stream, step) for stream, _, step in self._predictors[layer - 1]} & steps
-        total = TILE_LAYER + GROUP * self._usable_tables(layer, steps) * (passes if predicted else 1)
-        total += PASS * passes * len(predicted)
-        if row.neural and self._network is not None:
-            clusters = max(len(head.clusters) for head in self._network.heads)
-            total += max(row.stages) * passes * (STAGE_PASS + CLUSTER * clusters)
-        return total
 
-    def _usable_tables(self, layer: int, steps: set[tuple[int, int]]) -> int:
-        """Tables in force that a layer may code with: those of `steps`, of no step, and of offsets."""
-        counts = self._tables[layer - 1].items()
-        return sum(n for key, n in counts if not key[1] or key[0] == Stream.OFFSETS or key in steps)
+def _steps(model: SceneModel, layer: int) -> set[tuple[int, int]]:
+    """(stream, step) of the steps that some class receives in a layer."""
+    rows, before = model.layers, model.layers[layer - 2] if layer > 1 else LayerRow((), ())
+    steps = set()
+    for index, channel in enumerate(model.channels):
+        for kind, after in enumerate(rows[layer - 1].steps):
+            first = before.steps[kind][index] if kind < before.class_count else 0
+            steps |= {(int(channel.stream), step) for step in range(first + 1, after[index] + 1)}
+    return steps
 
-    def _steps(self, layer: int) -> set[tuple[int, int]]:
-        """(stream, step) of the steps that some class receives in a layer."""
-        rows, before = self._model.layers, self._model.layers[layer - 2] if layer > 1 else LayerRow((), ())
-        steps = set()
-        for index, channel in enumerate(self._model.channels):
-            for kind, after in enumerate(rows[layer - 1].steps):
-                first = before.steps[kind][index] if kind < before.class_count else 0
-                steps |= {(int(channel.stream), step) for step in range(first + 1, after[index] + 1)}
-        return steps
 
-    def _of_anchor(self, layer: int, kind: int) -> int:
-        """Work for an anchor of class `kind` in one layer."""
-        model = self._model
-        row = model.layers[layer - 1]
-        if kind >= row.class_count:
-            return 0
-        known = layer > 1 and kind < model.layers[layer - 2].class_count
-        steps = model.layers[layer - 2].steps[kind] if known else (0,) * len(model.channels)
-        stages = model.layers[layer - 2].stages[kind] if known else 0
-        symbols = sum(c.components * (b - a) for c, a, b in zip(model.channels, steps, row.steps[kind], strict=True))
-        slots = model.slots * (1 if known else 4) if model.profile == Profile.ANCHOR else 0
-        received = {c.stream: (a, b) for c, a, b in zip(model.channels, steps, row.steps[kind], strict=True)}
-        predicted = sum(
-            predictor.multiply_adds + NUMBER * predictor.inputs
-            for (stream, _, step), predictor in self._predictors[layer - 1].items()
-            if received[predictor.stream][0] < step <= received[predictor.stream][1]
-        )
-        # Whether or not anything is received, the anchor is looked at, channel by channel.
-        looked = SYMBOL * (1 + len(model.channels))
-        return looked + SYMBOL * (symbols + slots) + predicted + self._of_indices(row.neural, stages, row.stages[kind])
+def _of_anchor(models: SceneModels, layer: int, kind: int) -> int:
+    """Work for an anchor of class `kind` in one layer."""
+    model = models.model
+    row = model.layers[layer - 1]
+    if kind >= row.class_count:
+        return 0
+    known = layer > 1 and kind < model.layers[layer - 2].class_count
+    steps = model.layers[layer - 2].steps[kind] if known else (0,) * len(model.channels)
+    stages = model.layers[layer - 2].stages[kind] if known else 0
+    symbols = sum(c.components * (b - a) for c, a, b in zip(model.channels, steps, row.steps[kind], strict=True))
+    slots = model.slots * (1 if known else 4) if model.profile == Profile.ANCHOR else 0
+    received = {c.stream: (a, b) for c, a, b in zip(model.channels, steps, row.steps[kind], strict=True)}
+    predicted = sum(
+        predictor.multiply_adds + NUMBER * predictor.inputs
+        for (stream, _, step), predictor in models.predictors[layer - 1].items()
+        if received[predictor.stream][0] < step <= received[predictor.stream][1]
+    )
+    indices = _of_indices(models.network if row.neural else None, stages, row.stages[kind])
+    # Whether or not anything is received, the anchor is looked at, channel by channel.
+    return SYMBOL * (1 + len(model.channels)) + SYMBOL * (symbols + slots) + predicted + indices
 
-    def _of_indices(self, neural: bool, before: int, after: int) -> int:
-        if before == after:
-            return 0
-        if not neural or self._network is None:
-            return SYMBOL * (after - before)
-        logits = max(len(head.clusters) + max(head.clusters) if head.two_level else len(head.biases)
-                     for head in self._network.heads)  # fmt: skip
-        return self._network.multiply_adds(after) + (after - before) * (2 * SYMBOL + NUMBER * logits)
 
-    def _of_result(self) -> int:
-        numbers = sum(channel.components for channel in self._model.channels)
-        products, kept = 0, self._networks[0].outputs if self._networks else 0
-        for network in self._networks:
-            products += sum(layer.weights.size for layer in network.layers)
-            numbers += max(layer.weights.shape[0] for layer in network.layers) + network.inputs
-        return PRODUCT * products + NUMBER * numbers + OUTPUT * kept
+def _of_indices(network: IndexNetwork | None, before: int, after: int) -> int:
+    """Work for the stages of an anchor that a layer adds."""
+    if before == after:
+        return 0
+    if network is None:
+        return SYMBOL * (after - before)
+    logits = max(len(head.clusters) + max(head.clusters) if head.two_level else len(head.biases)
+                 for head in network.heads)  # fmt: skip
+    return network.multiply_adds(after) + (after - before) * (2 * SYMBOL + NUMBER * logits)
+
+
+def _of_result(models: SceneModels) -> int:
+    """Work for the values of an anchor, once all its symbols are there."""
+    networks = (*(() if models.decoder is None else (models.decoder,)), *models.scene_mlps)
+    numbers = sum(channel.components for channel in models.model.channels)
+    products, kept = 0, networks[0].outputs if networks else 0
+    for network in networks:
+        products += sum(layer.weights.size for layer in network.layers)
+        numbers += max(layer.weights.shape[0] for layer in network.layers) + network.inputs
+    return PRODUCT * products + NUMBER * numbers + OUTPUT * kept
 
 
 class Contents:

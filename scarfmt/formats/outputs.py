@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
-from typing import TYPE_CHECKING, BinaryIO
+from typing import TYPE_CHECKING, BinaryIO, Union
 from urllib.parse import quote
 
 from scarfmt.errors import InvalidInput
@@ -18,17 +18,8 @@ if TYPE_CHECKING:
     from scarfmt.formats.spz import SpzOptions
 
 
-@dataclass(frozen=True)
-class OutputOptions:
-    """Choices that some formats leave to their writer.
-
-    Attributes:
-        spz: of SPZ; None for its defaults.
-        beside: where the buffer of a .gltf goes.
-    """
-
-    spz: SpzOptions | None = None
-    beside: Beside | None = None
+OutputOptions = Union["SpzOptions", "Beside", None]
+"""What some formats leave to their writer: numbers of SPZ, None for its defaults; where the buffer of a .gltf goes."""
 
 
 @dataclass(frozen=True)
@@ -49,7 +40,7 @@ class Output:
 
 
 def write_parts(
-    format_id: str, parts: Parts, described: Described, target: BinaryIO, options: OutputOptions | None = None
+    format_id: str, parts: Parts, described: Described, target: BinaryIO, options: OutputOptions = None
 ) -> Written:
     """Write a scene in memory that does not grow with it, but with the largest of its parts.
 
@@ -69,23 +60,23 @@ def write_parts(
     """
     for known in OUTPUTS:
         if known.id == format_id:
-            return known.write(*move_near_zero(parts, described), target, options or OutputOptions())
+            return known.write(*move_near_zero(parts, described), target, options)
     names = ", ".join(known.id for known in OUTPUTS)
     raise InvalidInput("output-format", f"unknown output format {format_id!r}; there are {names}")
 
 
 def _gltf(parts: Parts, described: Described, target: BinaryIO, options: OutputOptions) -> Written:
-    from scarfmt.formats.export_gltf import write_gltf
+    from scarfmt.formats.export_gltf import Beside, write_gltf
 
-    if options.beside is None:
+    if not isinstance(options, Beside):
         raise InvalidInput("output-format", "a .gltf needs a place for its buffer; write a .glb")
-    return write_gltf(parts, described, target, options.beside)
+    return write_gltf(parts, described, target, options)
 
 
 def _spz(parts: Parts, described: Described, target: BinaryIO, options: OutputOptions) -> Written:
     from scarfmt.formats.spz import SpzOptions, write_spz
 
-    return write_spz(parts, described, target, options.spz or SpzOptions())
+    return write_spz(parts, described, target, options if isinstance(options, SpzOptions) else SpzOptions())
 
 
 def _writer(module: str, name: str) -> Callable[[Parts, Described, BinaryIO, OutputOptions], Written]:
@@ -127,7 +118,7 @@ def output_of(name: str) -> Output:
 def open_targets(
     name: str, format_id: str, options: OutputOptions, open_file: Callable[[str], AbstractContextManager[BinaryIO]]
 ) -> Iterator[tuple[BinaryIO, OutputOptions]]:
-    """The file of a scene, and options with the file beside it, NAME.bin of a .gltf. Both appear when complete."""
+    """The file of a scene, and the options; of a .gltf, the file NAME.bin beside it. Both appear when complete."""
     if format_id != "gltf":
         with open_file(name) as target:
             yield target, options
@@ -138,4 +129,4 @@ def open_targets(
     buffer = path.with_name(f"{path.stem}.bin")
     # The buffer gets its name first: a .gltf never names what is not there.
     with open_file(name) as target, open_file(str(buffer)) as stream:
-        yield target, replace(options, beside=Beside(quote(buffer.name), stream))
+        yield target, Beside(quote(buffer.name), stream)

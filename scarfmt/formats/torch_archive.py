@@ -32,10 +32,6 @@ _TENSOR, _PARAMETER = "torch._utils _rebuild_tensor_v2", "torch._utils _rebuild_
 _MARK = object()
 
 
-class _Named(dict[str, Any]):
-    """An object of any class: its attributes, or what a dictionary holds."""
-
-
 class _Global:
     """A class or function of the pickle, by name."""
 
@@ -185,7 +181,7 @@ class _Machine:
             case "EMPTY_TUPLE":
                 stack.append(())
             case "EMPTY_DICT":
-                stack.append(_Named())
+                stack.append({})
             case "EMPTY_LIST":
                 stack.append([])
             case "TUPLE":
@@ -241,4 +237,4 @@ def _called(function: _Global, arguments: tuple[Any, ...]) -> object:
         return _tensor(*arguments)
     if function.name == _PARAMETER:
         return arguments[0]
-    return _Named()
+    return {}  # an object of any class: its attributes are put in

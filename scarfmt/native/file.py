@@ -109,11 +109,6 @@ class NativeFile:
             tile = scar.calls.scar_advance(scar.at, tile, data, len(data), count, bits)
         return NativeTile(self, scar, tile) if tile else None
 
-    def tile_refusal(self) -> str | None:
-        """The id of the rule that the last tile read by this thread breaks; None if it breaks none."""
-        scar = getattr(self._own, "scar", None)
-        return None if scar is None else scar.refusal()
-
 
 class NativeTile:
     """A tile after a layer. It belongs to the thread that read it.

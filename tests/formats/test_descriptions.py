@@ -13,7 +13,7 @@ from scarfmt.container.registries import RenderModel
 from scarfmt.errors import InputWarning, InvalidInput
 from scarfmt.formats import load
 from scarfmt.formats.output import Described, Written
-from scarfmt.formats.outputs import OutputOptions, write_parts
+from scarfmt.formats.outputs import write_parts
 from scarfmt.formats.quantise import FLAT_LOG_SCALE, opacities
 from scarfmt.formats.spz import SpzOptions
 from scarfmt.scene.description import Description
@@ -37,7 +37,7 @@ def some_scene(count: int = 300, degree: int = 1) -> GaussianScene:
 
 
 def there_and_back(
-    format_id: str, scene: GaussianScene, options: OutputOptions | None = None
+    format_id: str, scene: GaussianScene, options: SpzOptions | None = None
 ) -> tuple[GaussianScene, Written]:
     out = io.BytesIO()
     written = write_parts(format_id, [scene], Described.of(scene), out, options)
@@ -103,7 +103,7 @@ def test_one_gaussian_far_away_is_no_reason_to_lose_the_others() -> None:
     scene.positions[7, 0] = 4e6
     with pytest.raises(InvalidInput, match="--spz-fraction-bits 1"):
         there_and_back("spz", scene)
-    _, accepted = there_and_back("spz", scene, OutputOptions(SpzOptions(fraction_bits=1)))
+    _, accepted = there_and_back("spz", scene, SpzOptions(fraction_bits=1))
     assert any("rounded to up to 0.5" in note for note in accepted.notes)
     back, written = there_and_back("compressed-ply", scene)
     assert any("more than they are wide: 244 of 500" in note for note in written.notes)

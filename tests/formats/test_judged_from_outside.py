@@ -23,7 +23,7 @@ from reference_encoder.options import EncodeOptions
 from scarfmt.api import encode
 from scarfmt.container.source import open_source
 from scarfmt.formats.frame import RUB_TO_RDF, flip_axes
-from scarfmt.formats.outputs import OutputOptions, write_parts
+from scarfmt.formats.outputs import write_parts
 from scarfmt.formats.quantise import opacities
 from scarfmt.formats.spz import SpzOptions
 from scarfmt.scene.gaussians import GaussianScene
@@ -61,7 +61,7 @@ def written(scar: Path, format_id: str, options: SpzOptions | None = None) -> Pa
     path = scar.with_name(f"out{version}.{'compressed.ply' if format_id == 'compressed-ply' else format_id}")
     described, parts = stream_gaussians(open_source(scar), DecodeRequest())
     with path.open("wb") as target:
-        write_parts(format_id, parts, described, target, OutputOptions(options or SpzOptions()))
+        write_parts(format_id, parts, described, target, options)
     return path
 
 
@@ -127,7 +127,7 @@ def test_our_spz_has_the_bytes_of_the_library_of_the_format(scar: Path) -> None:
     as_rub = flip_axes(read_scene(ply), RUB_TO_RDF)  # what the writer will turn back
     with ours.open("wb") as target:
         described, _ = stream_gaussians(open_source(scar), DecodeRequest())
-        write_parts("spz", [as_rub], described, target, OutputOptions(SpzOptions(4, 12, (8, 8))))
+        write_parts("spz", [as_rub], described, target, SpzOptions(4, 12, (8, 8)))
     header, *expected = spz_streams(theirs)
     own_header, *found = spz_streams(ours)
     assert own_header == header

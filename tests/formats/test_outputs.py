@@ -23,7 +23,7 @@ from scarfmt.formats.compressed_ply import morton_order
 from scarfmt.formats.export_gltf import Beside
 from scarfmt.formats.frame import RUB_TO_RDF, flip_axes
 from scarfmt.formats.output import Described, Written
-from scarfmt.formats.outputs import OUTPUTS, OutputOptions, write_parts
+from scarfmt.formats.outputs import OUTPUTS, write_parts
 from scarfmt.formats.quantise import SH_C0, opacities, unit_quaternions
 from scarfmt.formats.spz import SpzOptions
 from scarfmt.scene.description import Description
@@ -48,7 +48,7 @@ def written(
     described = Described(scene.sh_degree, frame, Description(colour_space=space))
     step = -(-len(scene) // parts)
     pieces = [scene.rows(slice(at, at + step)) for at in range(0, len(scene), step)]
-    done = write_parts(format_id, pieces, described, out, OutputOptions(options or SpzOptions()))
+    done = write_parts(format_id, pieces, described, out, options)
     return out.getvalue(), done
 
 
@@ -301,7 +301,7 @@ def test_vertex_colours_are_linear_light_and_opacity() -> None:
 
 def test_a_gltf_names_the_buffer_beside_it() -> None:
     scene, text, buffer = odd_scene(10, 20, 2), io.BytesIO(), io.BytesIO()
-    options = OutputOptions(beside=Beside("a%20b.bin", buffer))
+    options = Beside("a%20b.bin", buffer)
     write_parts("gltf", [scene], Described(2), text, options)
     document = json.loads(text.getvalue())
     assert document["buffers"] == [{"byteLength": len(buffer.getvalue()), "uri": "a%20b.bin"}]
