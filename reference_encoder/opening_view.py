@@ -52,9 +52,9 @@ def find_opening_view(scene: GaussianScene | AnchorModel, options: EncodeOptions
     if isinstance(scene, AnchorModel):
         return _look_at(around, around.middle, around.direction(0.5, 20.0), 1.6).camera
     drawable, views = _covering(scene), list(_views(around))
-    pictures = [_picture(drawable, view) for view in views]
-    best, _ = max(zip(views, pictures, strict=True), key=lambda pair: pair[0].factor * pair[1].score)
-    edge = float(np.median([picture.edge for picture in pictures[:OPENING_TURNS]]))
+    shown = [_show(drawable, view) for view in views]
+    best, _ = max(zip(views, shown, strict=True), key=lambda pair: pair[0].factor * pair[1][0])
+    edge = float(np.median([_edge(opacity) for _, opacity in shown[:OPENING_TURNS]]))
     return (_fitted(drawable, around, best) if best.outside and edge < OPENING_FRAMED else None) or best.camera
 
 
@@ -77,32 +77,19 @@ class _View:
     outside: bool
 
 
-@dataclass(frozen=True)
-class _Picture:
-    """What a view shows.
-
-    Attributes:
-        score: detail, less where fog is.
-        opacity: (height, width) float32.
-    """
-
-    score: float
-    opacity: F32
-
-    @property
-    def edge(self) -> float:
-        """Mean opacity along the edge of the frame."""
-        rows, columns = self.opacity[[0, -1]], self.opacity[:, [0, -1]]
-        return float(np.concatenate([rows.ravel(), columns.ravel()]).mean())
-
-
-def _picture(drawable: Drawable, view: _View) -> _Picture:
-    """A small picture: its colours, and in two more channels how much of it is fog, and how opaque it is."""
+def _show(drawable: Drawable, view: _View) -> tuple[float, F32]:
+    """What a small picture of a view shows: its detail, less where fog is, and its (height, width) opacity."""
     camera, positions = view.camera.sampled(OPENING_SAMPLING), drawable.scene.positions
     depth = (positions - camera.centre) @ camera.world_to_camera[2, :3]
+    # Two more channels: how much of it is fog, and how opaque it is.
     shares = np.stack([depth < view.fog, np.ones(len(depth)), np.zeros(len(depth))], axis=1)
     picture, found = render_with(drawable, camera, shares)
-    return _Picture(_detail(picture) * (1 - float(found[:, :, 0].mean())) ** 2, found[:, :, 1])
+    return _detail(picture) * (1 - float(found[:, :, 0].mean())) ** 2, found[:, :, 1]
+
+
+def _edge(opacity: F32) -> float:
+    """Mean opacity along the edge of the frame."""
+    return float(np.concatenate([opacity[[0, -1]].ravel(), opacity[:, [0, -1]].ravel()]).mean())
 
 
 def _detail(picture: F32) -> float:
@@ -142,11 +129,11 @@ def _look_at(around: Surroundings, target: F64, direction: F64, radii: float, fa
 def _fitted(drawable: Drawable, around: Surroundings, view: _View) -> Camera | None:
     """The view from the same side in which the subject fills the frame; None where it does not stand by itself."""
     wide = _look_at(around, around.middle, view.direction, OPENING_WIDE)
-    picture = _picture(drawable, wide)
-    if picture.edge >= OPENING_ALONE or not picture.opacity.any():
+    _, opacity = _show(drawable, wide)
+    if _edge(opacity) >= OPENING_ALONE or not opacity.any():
         return None
-    camera, (height, width) = wide.camera.sampled(OPENING_SAMPLING), picture.opacity.shape
-    across, down = (_span(picture.opacity.sum(axis=axis)) for axis in (0, 1))
+    camera, (height, width) = wide.camera.sampled(OPENING_SAMPLING), opacity.shape
+    across, down = (_span(opacity.sum(axis=axis)) for axis in (0, 1))
     distance = OPENING_WIDE * around.radius
     shift = np.array([across.mean() - width / 2, down.mean() - height / 2]) * distance / camera.fx
     filled = max(float(np.ptp(across)) / width, float(np.ptp(down)) / height)

@@ -343,6 +343,6 @@ def _whole(source: Source, part: Part) -> GaussianScene:
     if part.format == _SOG and isinstance(source, UrlInput) and part.name.endswith(".json"):
         with tempfile.TemporaryDirectory() as folder:
             return sog.load(FetchedSog(part.name, Path(folder)))
-    scene = _format(source, part.format).load(source)
+    scene = _format(source, part.format).importer.load(source)
     assert isinstance(scene, GaussianScene)
     return scene

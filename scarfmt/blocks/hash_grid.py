@@ -24,7 +24,7 @@ from scarfmt.blocks.declare import (
     read,
     varint,
 )
-from scarfmt.blocks.spec import BlockSpec, Writing, numbers
+from scarfmt.blocks.spec import BlockSpec, numbers
 from scarfmt.container.registries import BlockKind
 from scarfmt.entropy.rans import FrequencyTable, RansDecoder, RansEncoder
 from scarfmt.errors import Malformed
@@ -124,18 +124,13 @@ def unpack_grid(payload: bytes) -> HashGrid:
     return HashGrid(tuple(fields["origin"]), fields["extent_bits"], fields["shapes"], bits)
 
 
-def _taken(writing: Writing) -> HashGrid | None:
-    here = writing.parts.network is not None and first_neural_layer(writing.parts.model) == writing.layer
-    return writing.parts.grid if here else None
-
-
 SPEC = BlockSpec(
     kind=BlockKind.HASH_GRID,
     section="10.6",
     declaration=HASH_GRID,
     parse=lambda payload, reading: unpack_grid(payload),
     pack=pack_grid,
-    taken=_taken,
+    taken=lambda writing: writing.parts.grid,
     count=lambda grid: len(grid.levels),
     elements="levels",
     layers=lambda model: numbers(first_neural_layer(model)),

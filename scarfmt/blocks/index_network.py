@@ -27,7 +27,7 @@ from scarfmt.blocks.declare import (
     count,
     read,
 )
-from scarfmt.blocks.spec import BlockSpec, Writing, numbers
+from scarfmt.blocks.spec import BlockSpec, numbers
 from scarfmt.container.registries import BlockKind
 from scarfmt.errors import Malformed
 from scarfmt.neural.arithmetic import MAX_WEIGHT, Linear
@@ -265,17 +265,13 @@ def _head(at: Scope) -> Head:
     return Head(layers, clusters, at["cluster_biases"], at["biases"], at["shift"], at["member_shift"])
 
 
-def _taken(writing: Writing) -> IndexNetwork | None:
-    return writing.parts.network if first_neural_layer(writing.parts.model) == writing.layer else None
-
-
 SPEC = BlockSpec(
     kind=BlockKind.ENTROPY_NETWORK,
     section="10.5",
     declaration=ENTROPY_NETWORK,
     parse=lambda payload, reading: unpack_network(payload),
     pack=pack_network,
-    taken=_taken,
+    taken=lambda writing: writing.parts.network,
     count=lambda network: 1,
     elements="1",
     layers=lambda model: numbers(first_neural_layer(model)),

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from scarfmt.arrays import F32, F64, I16
 from scarfmt.blocks.declare import U8, Check, Record, Repeat, Rule, Scope, array, build, count, read
-from scarfmt.blocks.spec import BlockSpec, Reading, Writing, numbers
+from scarfmt.blocks.spec import BlockSpec, numbers
 from scarfmt.container.bytefields import compress, decompress
 from scarfmt.container.registries import BlockKind, Profile
 from scarfmt.errors import Malformed
@@ -175,16 +175,6 @@ def _linear(at: Scope) -> Linear:
     return Linear(weights, at["scales"].astype(np.float32), at["biases"].astype(np.float32))
 
 
-def _parsed(payload: bytes, reading: Reading) -> tuple[QuantisedMlp, ...]:
-    return unpack_networks(payload)
-
-
-def _decoder_taken(writing: Writing) -> tuple[QuantisedMlp] | None:
-    decoder = writing.parts.decoder
-    here = first_layers(writing.parts.model)[2] == writing.layer
-    return (decoder,) if decoder is not None and here else None
-
-
 def _scene_layers(model: SceneModel) -> frozenset[int]:
     return frozenset({1} if model.profile == Profile.ANCHOR else ())
 
@@ -193,9 +183,9 @@ DECODER_SPEC = BlockSpec(
     kind=BlockKind.DECODER_MLP,
     section="7.9",
     declaration=NETWORKS,
-    parse=_parsed,
+    parse=lambda payload, reading: unpack_networks(payload),
     pack=pack_networks,
-    taken=_decoder_taken,
+    taken=lambda writing: None if writing.parts.decoder is None else (writing.parts.decoder,),
     count=len,
     elements="networks",
     layers=lambda model: numbers(first_layers(model)[2]),
@@ -209,9 +199,9 @@ SCENE_SPEC = BlockSpec(
     kind=BlockKind.SCENE_MLP,
     section="7.9",
     declaration=NETWORKS,
-    parse=_parsed,
+    parse=lambda payload, reading: unpack_networks(payload),
     pack=pack_networks,
-    taken=lambda writing: (writing.parts.scene_mlps or None) if writing.layer == 1 else None,
+    taken=lambda writing: writing.parts.scene_mlps or None,
     count=len,
     elements="networks",
     layers=_scene_layers,

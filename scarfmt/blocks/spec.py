@@ -64,7 +64,7 @@ class BlockSpec:
         declaration: layout of its payload, or of the content of its frame.
         parse: payload -> value; refuses what breaks the rules of its section.
         pack: the inverse.
-        taken: the value to write in a layer, None for no block.
+        taken: the value to write in a layer where the block may stand, None for no block.
         count: value -> what the directory's `count` must be.
         elements: what that counts, as R-5.4-19 says it.
         layers: model -> layers in which something first needs the block; it may stand nowhere else. None for kinds

@@ -96,7 +96,8 @@ class QuantisedScene:
 def model_blocks(scene: QuantisedScene, layer: int, tables: Mapping[TableKey, SymbolTable]) -> Iterator[Block]:
     """The blocks of a layer that belong to no tile, in file order; `tables` are those that the layer sends."""
     for spec in BLOCKS.values():
-        value = spec.taken(Writing(scene, layer, tables))
+        here = spec.layers is None or layer in spec.layers(scene.model)
+        value = spec.taken(Writing(scene, layer, tables)) if here else None
         if value is not None:
             yield Block(spec.kind, layer, spec.pack(value), count=spec.count(value))
 

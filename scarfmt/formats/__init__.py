@@ -44,22 +44,14 @@ class Format:
     module: str
 
     @property
-    def _module(self) -> Any:
+    def importer(self) -> Any:
+        """Its module."""
         return import_module(f"{__name__}.{self.module}")
-
-    def sniff(self, source: Source) -> bool:
-        """Whether the content is of this format."""
-        return bool(self._module.sniff(source))
-
-    def load(self, source: Source) -> GaussianScene | AnchorModel:
-        """Read a scene; errors as of :func:`load`."""
-        scene: GaussianScene | AnchorModel = self._module.load(source)
-        return scene
 
     def describe(self, source: Source) -> Description:
         """Read what a file says about the scene, from little of it."""
-        module = self._module
-        return module.describe(source) if hasattr(module, "describe") else Description()
+        importer = self.importer
+        return importer.describe(source) if hasattr(importer, "describe") else Description()
 
 
 FORMATS = (
@@ -98,7 +90,7 @@ def load(path_or_bytes: str | PathLike[str] | bytes, *, format: str | None = Non
         LimitExceeded: more Gaussians than any scene has, or a pipe that does not end (refusal `input-limit`).
     """
     source, found = find(path_or_bytes, format)
-    scene = found.load(source)
+    scene: GaussianScene | AnchorModel = found.importer.load(source)
     return replace(scene, description=found.describe(source)) if isinstance(scene, GaussianScene) else scene
 
 
@@ -138,7 +130,7 @@ def stem(name: str) -> str:
 
 
 def _by_content(source: Source) -> Format | None:
-    return next((candidate for candidate in FORMATS if candidate.sniff(source)), None)
+    return next((candidate for candidate in FORMATS if candidate.importer.sniff(source)), None)
 
 
 def _source(path_or_bytes: str | PathLike[str] | bytes) -> Source:

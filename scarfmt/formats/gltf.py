@@ -18,7 +18,6 @@ import base64
 import binascii
 import struct
 from collections.abc import Collection, Iterator
-from dataclasses import dataclass
 from typing import Any
 from urllib.parse import unquote
 
@@ -292,15 +291,6 @@ _ROTATIONS = frozenset({FLOAT, BYTE, SHORT})
 _UNSIGNED = frozenset({FLOAT, UBYTE, USHORT})
 
 
-@dataclass(frozen=True)
-class _Placed:
-    """A primitive with Gaussians: its JSON, the matrix of its node, and how many it declares."""
-
-    primitive: dict[str, Any]
-    matrix: F64
-    count: int
-
-
 def sniff(source: Source) -> bool:
     """Whether the content is a .glb, or JSON with the version of a glTF asset."""
     if source.head(4) == GLB_MAGIC:
@@ -333,7 +323,7 @@ def load(source: Source) -> GaussianScene:
         message = f"{source.name}: it requires {', '.join(unknown)}; export the scene without"
         raise Unsupported("input-gltf", message, field="extensionsRequired")
     parts = [
-        _placed(_gaussians(asset, placed.primitive), placed.matrix, source.name) for placed in _placed_gaussians(asset)
+        _placed(_gaussians(asset, primitive), matrix, source.name) for primitive, matrix in _placed_gaussians(asset)
     ]
     return flip_axes(concatenate(parts), LUF_TO_RDF)
 
@@ -349,7 +339,7 @@ def describe(source: Source) -> Description:
     """
     asset = Asset(source)
     placed = _placed_gaussians(asset)
-    primitives = [one.primitive for one in placed]
+    primitives = [primitive for primitive, _ in placed]
     spaces = {_terms(asset, primitive).get("colorSpace", SRGB) for primitive in primitives}
     if len(spaces) > 1:
         message = f"{source.name}: primitives of several colour spaces; export them one by one"
@@ -357,7 +347,7 @@ def describe(source: Source) -> Description:
     packed = [spz.describe(file) for primitive in primitives if (file := _spz_file(asset, primitive)) is not None]
     models = {found.render_model for found in packed} or {RenderModel.CLASSIC}
     space = ColourSpace.LINEAR if spaces == {LINEAR} else ColourSpace.SRGB
-    turned = any(not np.array_equal(one.matrix[:3, :3], np.eye(3)) for one in placed)
+    turned = any(not np.array_equal(matrix[:3, :3], np.eye(3)) for _, matrix in placed)
     return Description(max(models), colour_space=space).with_metadata(_coordinate_reference(asset, turned))
 
 
@@ -397,9 +387,9 @@ def _spz_file(asset: Asset, primitive: dict[str, Any]) -> Source | None:
     return None
 
 
-def _placed_gaussians(asset: Asset) -> list[_Placed]:
-    """All primitives with Gaussians, counted before any of them is read."""
-    found: list[_Placed] = []
+def _placed_gaussians(asset: Asset) -> list[tuple[dict[str, Any], F64]]:
+    """All primitives with Gaussians, and the matrices of their nodes; counted before any of them is read."""
+    found: list[tuple[dict[str, Any], F64]] = []
     others: list[set[str]] = []
     total = 0
     for mesh, matrix in placed_meshes(asset):
@@ -413,7 +403,7 @@ def _placed_gaussians(asset: Asset) -> list[_Placed]:
             count = _declared(asset, primitive)
             total += count
             asset.source.check_count(total, file_bytes=_buffer_bytes(asset))
-            found.append(_Placed(primitive, matrix, count))
+            found.append((primitive, matrix))
     if not found:
         names = ", ".join(sorted(set().union(*others)))[:80]
         lacking = f"{EXTENSION}{names and f', but {names}'}"

@@ -19,7 +19,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from scarfmt.arrays import F32, F64
+from scarfmt.arrays import F64
 from scarfmt.errors import InvalidInput
 from scarfmt.formats import ply
 from scarfmt.formats.quantise import FLAT_LOG_SCALE, dc_of_colour, opacities, sh_from_channel_major
@@ -123,12 +123,14 @@ class Columns:
         logits = ply.columns(rows, ["opacity"])[:, 0]
         if self.smoothed:
             scales, logits = _smooth(scales, logits, rows[_FILTER])
+        if len(self.scales) == 2:
+            scales = np.pad(scales, ((0, 0), (0, 1)), constant_values=FLAT_LOG_SCALE)
         dc = self._dc(rows)[:, None, :]
         harmonics = sh_from_channel_major(ply.columns(rows, list(self.rest)))
         with np.errstate(over="ignore"):  # doubles beyond float32 become infinities, which a later check reports
             return GaussianScene(
                 self.positions(rows),
-                _with_third_axis(scales.astype(np.float32)),
+                scales.astype(np.float32),
                 ply.columns(rows, list(ROTATION)).astype(np.float32),
                 logits.astype(np.float32),
                 np.concatenate([dc.astype(np.float32), harmonics], axis=1),
@@ -204,9 +206,3 @@ def _unread_columns(names: list[str]) -> tuple[str, ...]:
         return ()
     more = f" and {len(unread) - 4} more" if len(unread) > 4 else ""
     return (f"not read, though they may change the picture, such as by motion: columns {', '.join(unread[:4])}{more}",)
-
-
-def _with_third_axis(log_scales: F32) -> F32:
-    if log_scales.shape[1] == 3:
-        return log_scales
-    return np.pad(log_scales, ((0, 0), (0, 1)), constant_values=np.float32(FLAT_LOG_SCALE))

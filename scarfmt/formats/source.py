@@ -78,7 +78,13 @@ class Source:
     @property
     def size(self) -> int:
         """Length in bytes."""
-        return len(self._data) if self.path is None and self._data is not None else self._path_size()
+        if self.path is None and self._data is not None:
+            return len(self._data)
+        assert self.path is not None
+        try:
+            return self.path.stat().st_size
+        except (OSError, ValueError) as error:
+            raise self._unreadable(error) from error
 
     def head(self, length: int) -> bytes:
         """The first `length` bytes, or fewer where the input is shorter."""
@@ -224,13 +230,6 @@ class Source:
             message = f"declares {count} Gaussians in {size} bytes, more than this reader unpacks from so few"
             advice = "convert it to a PLY with the tool that wrote it"
             raise LimitExceeded("input-limit", f"{self.name}: {message}; {advice}")
-
-    def _path_size(self) -> int:
-        assert self.path is not None
-        try:
-            return self.path.stat().st_size
-        except (OSError, ValueError) as error:
-            raise self._unreadable(error) from error
 
     def _unreadable(self, error: OSError | ValueError) -> InvalidInput:
         reason = error.strerror if isinstance(error, OSError) else "no name of a file"
