@@ -11,12 +11,9 @@ from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
-import numpy as np
-
 from scarfmt.arrays import I64
 from scarfmt.coding.models import SceneModels
 from scarfmt.container.bytefields import decompress
-from scarfmt.container.directory import Table
 from scarfmt.container.schema import Profile, Stream
 from scarfmt.entropy.keys import TableKey
 from scarfmt.entropy.symbol_tables import SymbolTable
@@ -76,19 +73,6 @@ class Extent:
     tiles: I64
     anchors: int
     splits: int
-
-
-def extent(counts: I64, tiles: Table, lattice_bits: int) -> Extent:
-    """The extent of some tiles.
-
-    Args:
-        counts: (n, layers) anchors that first appear in each layer.
-        tiles: (n,) TILE_DTYPE.
-        lattice_bits: of the header.
-    """
-    local = lattice_bits - tiles["depth"].astype(np.int64) - tiles["shift"]
-    splits = int((3 * local[:, None] * np.clip(counts - 1, 0, MOST_SPLITS)).sum())
-    return Extent((counts.cumsum(axis=1) > 0).sum(axis=0), int(counts.sum()), splits)
 
 
 def declared_work(models: SceneModels, declared: Extent) -> int:

@@ -30,13 +30,14 @@ class Output:
         id: what `write_parts` and the command line call it.
         title: for people.
         suffix: of its files.
-        write: writes parts of a scene.
+        module, function: of this package: what writes parts of a scene, loaded when it is first needed.
     """
 
     id: str
     title: str
     suffix: str
-    write: Callable[[Parts, Described, BinaryIO, OutputOptions], Written]
+    module: str
+    function: str
 
 
 def write_parts(
@@ -60,44 +61,29 @@ def write_parts(
     """
     for known in OUTPUTS:
         if known.id == format_id:
-            return known.write(*move_near_zero(parts, described), target, options)
+            write = getattr(import_module(f"scarfmt.formats.{known.module}"), known.function)
+            given = () if options is None else (options,)
+            written: Written = write(*move_near_zero(parts, described), target, *given)
+            return written
     names = ", ".join(known.id for known in OUTPUTS)
     raise InvalidInput("output-format", f"unknown output format {format_id!r}; there are {names}")
 
 
-def _gltf(parts: Parts, described: Described, target: BinaryIO, options: OutputOptions) -> Written:
-    from scarfmt.formats.export_gltf import Beside, write_gltf
-
-    if not isinstance(options, Beside):
-        raise InvalidInput("output-format", "a .gltf needs a place for its buffer; write a .glb")
-    return write_gltf(parts, described, target, options)
-
-
-def _spz(parts: Parts, described: Described, target: BinaryIO, options: OutputOptions) -> Written:
-    from scarfmt.formats.spz import SpzOptions, write_spz
-
-    return write_spz(parts, described, target, options if isinstance(options, SpzOptions) else SpzOptions())
-
-
-def _writer(module: str, name: str) -> Callable[[Parts, Described, BinaryIO, OutputOptions], Written]:
-    """A writer without options, loaded when it is called."""
-
-    def write(parts: Parts, described: Described, target: BinaryIO, _options: OutputOptions) -> Written:
-        written: Written = getattr(import_module(f"scarfmt.formats.{module}"), name)(parts, described, target)
-        return written
-
-    return write
-
-
 OUTPUTS = (
-    Output("compressed-ply", "PlayCanvas PLY", ".compressed.ply", _writer("compressed_ply", "write_compressed_ply")),
-    Output("ply", "INRIA 3D Gaussian splatting PLY", ".ply", _writer("export_ply", "write_ply")),
-    Output("spz", "Niantic SPZ 3 and 4", ".spz", _spz),
-    Output("glb", "binary glTF 2.0 with KHR_gaussian_splatting", ".glb", _writer("export_gltf", "write_gltf")),
-    Output("gltf", "glTF 2.0 with KHR_gaussian_splatting, its buffer beside it", ".gltf", _gltf),
-    Output("sog", "PlayCanvas SOG 2, bundled", ".sog", _writer("export_sog", "write_sog")),
-    Output("splat", "antimatter15 .splat", ".splat", _writer("splat", "write_splat")),
-    Output("usd", "USD with ParticleField3DGaussianSplat", ".usdc", _writer("usd", "write_usd")),
+    Output("compressed-ply", "PlayCanvas PLY", ".compressed.ply", "compressed_ply", "write_compressed_ply"),
+    Output("ply", "INRIA 3D Gaussian splatting PLY", ".ply", "export_ply", "write_ply"),
+    Output("spz", "Niantic SPZ 3 and 4", ".spz", "spz", "write_spz"),
+    Output("glb", "binary glTF 2.0 with KHR_gaussian_splatting", ".glb", "export_gltf", "write_gltf"),
+    Output(
+        "gltf",
+        "glTF 2.0 with KHR_gaussian_splatting, its buffer beside it",
+        ".gltf",
+        "export_gltf",
+        "write_gltf_beside",
+    ),
+    Output("sog", "PlayCanvas SOG 2, bundled", ".sog", "export_sog", "write_sog"),
+    Output("splat", "antimatter15 .splat", ".splat", "splat", "write_splat"),
+    Output("usd", "USD with ParticleField3DGaussianSplat", ".usdc", "usd", "write_usd"),
 )
 
 
