@@ -69,13 +69,6 @@ class Encoded(bytes):
     def __repr__(self) -> str:
         return f"<Encoded: {len(self):,} bytes; {self.quality.verdict()}>"
 
-    @classmethod
-    def of(cls, data: bytes, quality: Quality) -> Encoded:
-        """Bytes with what is known of them."""
-        made = cls(data)
-        made.quality = quality
-        return made
-
 
 def encode(
     scene: GaussianScene | AnchorModel, options: EncodeOptions | None = None, report: Report = silent
@@ -113,7 +106,9 @@ def encode(
     quantised = replace(quantised, metadata={"quality": quality.figures(), **quantised.metadata}, streaming=streaming)
     blocks = code_blocks(quantised, report)
     blocks += thumbnail_blocks(judge.view(drawn), opening, blocks)
-    return Encoded.of(assemble_file(quantised, blocks), quality)
+    encoded = Encoded(assemble_file(quantised, blocks))
+    encoded.quality = quality
+    return encoded
 
 
 def _without_far(scene: GaussianScene) -> GaussianScene:

@@ -92,7 +92,9 @@ def atomic_write(path: str | PathLike[str], *, force: bool = False) -> Iterator[
     _check_free(target, force)
     identity = _check_apart(target, known)
     known[identity] = _OUTPUT
-    temporary = target.with_name(f".{_shortened(target.name)}.{os.urandom(6).hex()}.part")
+    # Systems limit names to 255 bytes.
+    shortened = os.fsencode(target.name)[:200].decode(errors="ignore")
+    temporary = target.with_name(f".{shortened}.{os.urandom(6).hex()}.part")
     try:
         with _create(temporary, target) as stream:
             yield stream
@@ -120,11 +122,6 @@ def _check_free(target: Path, force: bool) -> None:
         raise InvalidInput("output-path", f"{target} is a directory; give a file name")
     if target.exists() and not force:
         raise FileTaken("output-exists", f"{target} exists")
-
-
-def _shortened(name: str) -> str:
-    """The first 200 bytes of a file name, whole characters: systems limit names to 255 bytes."""
-    return os.fsencode(name)[:200].decode(errors="ignore")
 
 
 def _create(temporary: Path, target: Path) -> BinaryIO:

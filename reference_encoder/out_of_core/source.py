@@ -217,7 +217,8 @@ def _parts(name: str, rows: int, format_id: str | None) -> Iterator[Part]:
         for part in streamed_sog.finest(source):
             yield Part(resolve_beside(name, str(part.name)), _SOG, part.runs)
     elif found.id == _PLY and (table := RowTable.of(source)) is not None:
-        table.columns.warn(source)
+        for note in table.columns.notes:
+            source.warn(note)
         for first in range(0, table.count, rows):
             yield Part(name, _PLY, ((first, min(rows, table.count - first)),))
     else:

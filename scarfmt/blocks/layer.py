@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from typing import Any
 
 from scarfmt.blocks.declare import (
@@ -91,13 +90,10 @@ def pack_layer(row: LayerRow, opening: Opening | None) -> bytes:
     if opening is None:
         return build(LAYER, fields, layer=0)
     channels, context = opening
-    fields |= {"channel_count": len(channels), "channels": [_channel_fields(channel) for channel in channels]}
+    rows = [{"stream": c.stream, "components": c.components, "first_widths": c.first_width} for c in channels]
+    fields |= {"channel_count": len(channels), "channels": rows}
     fields |= {"passes_log2": context.passes_log2, "target_count": len(context.occupancies)}
     return build(LAYER, {**fields, "occupancy_targets": context.occupancies}, layer=1)
-
-
-def _channel_fields(channel: Channel) -> dict[str, Any]:
-    return {"stream": channel.stream, "components": channel.components, "first_widths": channel.first_width}
 
 
 def unpack_layer(payload: bytes, layer: int, opening: Opening) -> tuple[LayerRow, Opening]:
@@ -114,15 +110,11 @@ def unpack_layer(payload: bytes, layer: int, opening: Opening) -> tuple[LayerRow
     """
     fields = read(LAYER, payload, f"layer {layer}", layer=layer, channel_count=len(opening[0]))
     if layer == 1:
-        channels = tuple(_channel(channel) for channel in fields["channels"])
+        channels = tuple(Channel(Stream(row["stream"]), tuple(row["first_widths"])) for row in fields["channels"])
         opening = channels, DecodedContext(fields["passes_log2"], tuple(fields["occupancy_targets"]))
     stages = tuple(row["stages"] for row in fields["classes"])
     steps = tuple(tuple(row["steps"].tolist()) for row in fields["classes"])
     return LayerRow(stages, steps, fields["entropy_mode"] == NEURAL), opening
-
-
-def _channel(fields: Mapping[str, Any]) -> Channel:
-    return Channel(Stream(fields["stream"]), tuple(fields["first_widths"]))
 
 
 def _taken(writing: Writing) -> tuple[LayerRow, Opening | None]:

@@ -60,8 +60,9 @@ def parse_metadata(data: bytes, offset: int | None = None) -> dict[str, Any]:
         message = f"nested {deepest} deep; {MAX_METADATA_DEPTH} is the most"
         raise LimitExceeded("limit-metadata", message, offset=offset, field="METADATA")
     try:
-        value = parse_json(data)
-        _refuse_lone_surrogates(data.decode("utf-8"))
+        text = data.decode("utf-8")
+        value = json.loads(text, parse_constant=_refuse_constant, parse_float=_finite, parse_int=_whole)
+        _refuse_lone_surrogates(text)
     except ValueError as error:
         raise Malformed("bad-metadata", f"not JSON: {error}", offset=offset, field="METADATA") from error
     if not isinstance(value, dict):
@@ -117,15 +118,6 @@ def describe(container: Container) -> Description:
         warnings.warn(f"the up axis and coordinate reference are unknown: {error}", InputWarning, stacklevel=2)
         return said
     return said.with_metadata(metadata)
-
-
-def parse_json(data: bytes) -> Any:
-    """The JSON value in some bytes; they are not nested deeper than the interpreter stands.
-
-    Raises:
-        ValueError: no JSON in UTF-8, or a number beyond binary64.
-    """
-    return json.loads(data.decode("utf-8"), parse_constant=_refuse_constant, parse_float=_finite, parse_int=_whole)
 
 
 def nesting(data: bytes) -> int:

@@ -22,7 +22,7 @@ from scarfmt.blocks.declare import (
     varint,
     varints,
 )
-from scarfmt.blocks.spec import BlockSpec, Reading
+from scarfmt.blocks.spec import BlockSpec
 from scarfmt.container.bytefields import compress
 from scarfmt.container.registries import BlockKind
 from scarfmt.entropy.keys import TableKey
@@ -139,7 +139,7 @@ SPEC = BlockSpec(
     kind=BlockKind.TABLES,
     section="8.3",
     declaration=TABLES,
-    parse=lambda payload, reading: _parsed(payload, reading),
+    parse=lambda payload, reading: unpack_tables(reading.inflate(payload, MAX_TABLES_BYTES, "tables")),
     pack=lambda tables: compress(pack_tables(tables)),
     taken=lambda writing: writing.tables or None,
     count=len,
@@ -148,7 +148,3 @@ SPEC = BlockSpec(
     field="tables",
     counted=True,
 )
-
-
-def _parsed(payload: bytes, reading: Reading) -> dict[TableKey, SymbolTable]:
-    return unpack_tables(reading.inflate(payload, MAX_TABLES_BYTES, "tables"))

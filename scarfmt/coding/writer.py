@@ -169,14 +169,6 @@ def _check(scene: QuantisedScene) -> None:
         check_content(scene.model, scene.codebooks, local_bits(scene.fields, tile), content)
 
 
-def _check_models(data: bytes) -> None:
-    # The reader's own rules are the writer's contract.
-    try:
-        SceneReader(BytesSource(data), limits=FORMAT_LIMITS).models()
-    except ScarError as error:
-        raise InvalidInput("input-container", f"the file would break a rule: {error}") from error
-
-
 def write_scene(scene: QuantisedScene, report: Report = silent) -> bytes:
     """The bytes of a file. Equal scenes give equal bytes.
 
@@ -198,7 +190,11 @@ def assemble_file(scene: QuantisedScene, blocks: Sequence[Block]) -> bytes:
         InvalidInput: ``input-container`` when they break a rule of SPEC.md.
     """
     data = write_container(scene.fields, scene.tiles, blocks, layer_counts(scene))
-    _check_models(data)
+    # The reader's own rules are the writer's contract.
+    try:
+        SceneReader(BytesSource(data), limits=FORMAT_LIMITS).models()
+    except ScarError as error:
+        raise InvalidInput("input-container", f"the file would break a rule: {error}") from error
     return data
 
 

@@ -40,12 +40,7 @@ _HARMLESS = ("nx", "ny", "nz", *_RGB, "alpha", "state", "transform")
 _KNOWN = frozenset(("x", "y", "z", "opacity", *DC, *SCALES, *ROTATION, _FILTER, *_HARMLESS))
 
 
-describe = ply.describe
-
-
-def sniff(source: Source) -> bool:
-    """Whether the content is a PLY file."""
-    return ply.is_ply(source)
+sniff, describe = ply.is_ply, ply.describe
 
 
 def load(source: Source) -> GaussianScene:
@@ -57,7 +52,8 @@ def load(source: Source) -> GaussianScene:
     """
     header = ply.read_header(source)
     columns = Columns.of(source, header)
-    columns.warn(source)
+    for note in columns.notes:
+        source.warn(note)
     scene = columns.scene(ply.read_elements(source, header, ["vertex"])["vertex"])
     _warn_of_plain_sizes(source, scene)
     return scene
@@ -105,11 +101,6 @@ class Columns:
             notes += ("colours are read from red, green and blue: they have no f_dc",)
         scales = tuple(name for name in SCALES if name in names)
         return cls(scales, colours, rest, _FILTER in names, notes + _unread_columns(names))
-
-    def warn(self, source: Source) -> None:
-        """Tell what is not read as it is."""
-        for note in self.notes:
-            source.warn(note)
 
     def positions(self, rows: ply.Rows) -> F64:
         """(N, 3) float64."""
