@@ -12,7 +12,6 @@ import pytest
 import scarfmt
 from fuzz.testing.scenes import random_scene
 from reference_decoder.decode import requested
-from reference_decoder.decoded import Decoded
 from scarfmt.coding.writer import write_scene
 from scarfmt.container.source import BytesSource
 from scarfmt.errors import InvalidInput, LimitExceeded, Malformed, Truncated
@@ -22,12 +21,9 @@ from scarfmt.tools import inspection
 from scarfmt.tools.truncate import truncate
 from scarfmt.tools.validate import validate
 from tests.conftest import REPOSITORY
+from tests.samples.equality import same
 
 DATA = write_scene(random_scene(3, anchors=300, tiles=4))
-
-
-def same(a: Decoded, b: Decoded) -> bool:
-    return all(map(np.array_equal, a.arrays(), b.arrays()))
 
 
 @pytest.fixture
@@ -86,7 +82,7 @@ def test_a_request_is_given_whole_or_by_its_fields() -> None:
 
 def test_functions_take_paths_and_bytes_and_open_sources(path: Path) -> None:
     for origin in (path, str(path), DATA, bytearray(DATA), memoryview(DATA), BytesSource(DATA)):
-        assert same(scarfmt.decode(origin, layers=2), scarfmt.decode(DATA, layers=2))
+        assert same(scarfmt.decode(origin, layers=2).arrays(), scarfmt.decode(DATA, layers=2).arrays())
         assert scarfmt.truncate(origin, 1) == truncate(BytesSource(DATA), 1)
         assert scarfmt.inspect(origin, metadata=True) == inspection.inspect(BytesSource(DATA), metadata=True)
         assert scarfmt.validate(origin) == validate(BytesSource(DATA))
@@ -95,8 +91,8 @@ def test_functions_take_paths_and_bytes_and_open_sources(path: Path) -> None:
 def test_an_open_file_answers_what_the_functions_do(path: Path) -> None:
     request = scarfmt.DecodeRequest(layers=1, attributes=["positions"])
     with scarfmt.open(path) as file:
-        assert same(file.decode(), scarfmt.decode(DATA))
-        assert same(file.decode(request), scarfmt.decode(DATA, request))
+        assert same(file.decode().arrays(), scarfmt.decode(DATA).arrays())
+        assert same(file.decode(request).arrays(), scarfmt.decode(DATA, request).arrays())
         assert [len(part) for part in file.tiles(layers=1)] == np.bincount(file.decode(layers=1).tiles).tolist()
         assert file.truncate(1) == scarfmt.truncate(DATA, 1)
         assert file.inspect() == scarfmt.inspect(DATA)
@@ -123,14 +119,14 @@ def test_a_file_cut_short_opens_and_says_what_has_arrived() -> None:
         assert file.complete_layers == whole.header.layers[:2]
         with pytest.raises(Truncated):
             file.decode()
-        assert same(file.decode(allow_truncated=True), whole.decode(layers=2))
+        assert same(file.decode(allow_truncated=True).arrays(), whole.decode(layers=2).arrays())
 
 
 def test_limits_of_an_open_file_are_those_of_its_requests() -> None:
     """Unless a request says otherwise: who raises a limit for one file raises it once."""
     with scarfmt.open(DATA, limits=Limits(work_per_byte=0, anchors=1 << 20)) as file:
-        assert same(file.decode(limits=Limits()), scarfmt.decode(DATA))
-        assert same(file.decode(scarfmt.DecodeRequest()), scarfmt.decode(DATA))
+        assert same(file.decode(limits=Limits()).arrays(), scarfmt.decode(DATA).arrays())
+        assert same(file.decode(scarfmt.DecodeRequest()).arrays(), scarfmt.decode(DATA).arrays())
     with pytest.raises(LimitExceeded):
         scarfmt.open(DATA, limits=Limits(anchors=1))
 

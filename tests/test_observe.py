@@ -16,7 +16,7 @@ from scarfmt.entropy.keys import TableKey
 from scarfmt.entropy.symbol_tables import SymbolTable
 from scarfmt.neural.evaluator import Evaluator
 from scarfmt.observe import ObservedReader
-from tests.samples.contents import same_content
+from tests.samples.equality import same
 
 
 def test_looking_changes_nothing() -> None:
@@ -26,7 +26,7 @@ def test_looking_changes_nothing() -> None:
     watched = reader.tiles(models, observe=lambda tile, layer: LayerRecord())
     for (tile, plain), (other, seen) in zip(reader.tiles(models), watched, strict=True):
         assert tile == other
-        assert same_content(plain, seen)
+        assert same(plain, seen)
 
 
 def test_embeddings_are_those_of_the_specification() -> None:

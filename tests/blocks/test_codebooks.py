@@ -6,13 +6,9 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from scarfmt.arrays import I64
 from scarfmt.blocks.codebooks import pack_codebooks, unpack_codebooks
 from scarfmt.scene.model import MAX_CODEWORDS, MAX_LATENT, Codebooks
-
-
-def same(found: dict[int, I64], wanted: dict[int, I64]) -> bool:
-    return sorted(found) == sorted(wanted) and all(np.array_equal(found[n], wanted[n]) for n in wanted)
+from tests.samples.equality import same
 
 
 @settings(deadline=None)

@@ -8,6 +8,7 @@ from hypothesis import strategies as st
 
 from scarfmt.blocks.hash_grid import pack_grid, unpack_grid
 from scarfmt.neural.grid import MAX_LEVELS, MAX_RESOLUTION, GridLevel, HashGrid
+from tests.samples.equality import same
 
 LEVELS = st.builds(GridLevel, st.integers(0, 6), st.integers(1, MAX_RESOLUTION), st.integers(1, 9), st.integers(1, 8))
 
@@ -22,11 +23,6 @@ def random_grid(levels: list[GridLevel], seed: int) -> HashGrid:
     )
     x, y, z = rng.integers(0, 2**32, 3).tolist()
     return HashGrid((x, y, z), int(rng.integers(0, 33)), tuple(levels), bits)
-
-
-def same(found: HashGrid, wanted: HashGrid) -> bool:
-    shape = (found.origin, found.extent_bits, found.levels) == (wanted.origin, wanted.extent_bits, wanted.levels)
-    return shape and all(np.array_equal(a, b) for a, b in zip(found.bits, wanted.bits, strict=True))
 
 
 @settings(deadline=None)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import fields, is_dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -12,19 +12,9 @@ from hypothesis import given, settings
 from scarfmt.blocks.index_network import pack_network, unpack_network
 from scarfmt.neural.network import IndexNetwork, Inputs
 from tests.neural.networks import Case, cases, random_books, random_network
+from tests.samples.equality import same
 
 INPUTS = Inputs(classes=1, own=True, attributes=2, depths=1, latents=1, latent_shift=1, grid=0)
-
-
-def same(a: Any, b: Any) -> bool:
-    """Equal in every field, arrays in type and shape too."""
-    if is_dataclass(a):
-        return type(a) is type(b) and all(same(getattr(a, f.name), getattr(b, f.name)) for f in fields(a))
-    if isinstance(a, tuple):
-        return isinstance(b, tuple) and len(a) == len(b) and all(same(x, y) for x, y in zip(a, b, strict=True))
-    if isinstance(a, np.ndarray):
-        return a.dtype == b.dtype and a.shape == b.shape and bool((a == b).all())
-    return type(a) is type(b) and bool(a == b)
 
 
 def small(**options: Any) -> IndexNetwork:

@@ -10,6 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from scarfmt.blocks.mlp import MAX_LAYERS, MAX_NETWORKS, Linear, QuantisedMlp, pack_networks, unpack_networks
+from tests.samples.equality import same
 
 
 def network(seed: int, widths: list[int], bits: int = 8) -> QuantisedMlp:
@@ -19,16 +20,6 @@ def network(seed: int, widths: list[int], bits: int = 8) -> QuantisedMlp:
             Linear.quantised(rng.normal(size=(rows, columns)), rng.normal(size=rows), bits)
             for columns, rows in itertools.pairwise(widths)
         )
-    )
-
-
-def same(found: tuple[QuantisedMlp, ...], wanted: tuple[QuantisedMlp, ...]) -> bool:
-    pairs = list(zip(found, wanted, strict=True))
-    return all(
-        np.array_equal(getattr(a, name), getattr(b, name)) and getattr(a, name).dtype == getattr(b, name).dtype
-        for one, two in pairs
-        for a, b in zip(one.layers, two.layers, strict=True)
-        for name in ("weights", "scales", "biases")
     )
 
 

@@ -14,6 +14,7 @@ from scarfmt.container.schema import Stream
 from scarfmt.neural.arithmetic import Linear
 from scarfmt.neural.predictors import Predictor
 from scarfmt.scene.model import MAX_CLASSES
+from tests.samples.equality import same
 
 
 def predictor(seed: int, rest: int = 8, units: int = 3, top: int = 127, classes: int = MAX_CLASSES) -> Predictor:
@@ -31,17 +32,6 @@ def predictor(seed: int, rest: int = 8, units: int = 3, top: int = 127, classes:
     return Predictor(stream, int(rng.integers(0, 64)), int(rng.integers(1, 21)), hidden, output, buckets)
 
 
-def same(one: Predictor, two: Predictor) -> bool:
-    layers = [(one.output, two.output)]
-    if one.hidden is not None and two.hidden is not None:
-        layers.append((one.hidden, two.hidden))
-    equal = all(
-        np.array_equal(a.weights, b.weights) and np.array_equal(a.biases, b.biases) and a.shift == b.shift
-        for a, b in layers
-    )
-    return equal and one.key == two.key and one.buckets == two.buckets and one.units == two.units
-
-
 @settings(deadline=None)
 @given(
     st.lists(st.integers(0, 2**32 - 1), min_size=1, max_size=4),
@@ -55,7 +45,7 @@ def test_predictors_come_back(seeds: list[int], rest: int, units: int, top: int,
     made = [predictor(seed, rest, units, top, classes) for seed in seeds]
     found = unpack_predictors(pack_predictors(made))
     assert len(found) == len(made)
-    assert all(same(a, b) for a, b in zip(found, made, strict=True))
+    assert same(found, made)
 
 
 def with_weight(weight: int) -> Predictor:

@@ -18,10 +18,11 @@ from scarfmt.coding.tile import TileContent
 from scarfmt.coding.writer import QuantisedScene, keep_layers, write_scene
 from scarfmt.container.schema import BlockKind, Profile, Stream
 from scarfmt.container.source import BytesSource
-from scarfmt.errors import Malformed, ScarError
+from scarfmt.errors import ScarError
 from scarfmt.scene.model import MAX_COMPONENTS
 from scarfmt.tools.truncate import truncate
 from scarfmt.tools.validate import validate
+from tests.samples.equality import same
 
 SUBSETS = st.sets(st.sampled_from(sorted(ALL_STREAMS)))
 
@@ -31,14 +32,6 @@ def read(data: bytes, layers: int | None = None) -> list[TileContent]:
     return [content for _, content in reader.tiles(reader.models(layers))]
 
 
-def assert_same(read: list[TileContent], expected: tuple[TileContent, ...]) -> None:
-    for here, there in zip(read, expected, strict=True):
-        assert np.array_equal(here.codes, there.codes)
-        assert np.array_equal(here.indices, there.indices)
-        assert np.array_equal(here.slot_layers, there.slot_layers)
-        assert all(np.array_equal(a, b) for a, b in zip(here.values, there.values, strict=True))
-
-
 @settings(deadline=None, max_examples=15)
 @given(neural_scenes())
 def test_what_networks_coded_comes_back(scene: QuantisedScene) -> None:
@@ -46,7 +39,7 @@ def test_what_networks_coded_comes_back(scene: QuantisedScene) -> None:
     data = write_scene(scene)
     for layers in range(1, len(scene.model.layers) + 1):
         kept = keep_layers(scene, layers)
-        assert_same(read(data, layers), kept.contents)
+        assert same(read(data, layers), kept.contents)
         assert truncate(BytesSource(data), layers) == write_scene(kept)
 
 
@@ -58,7 +51,7 @@ def test_predictors_of_latents_are_the_same_everywhere(seed: int, profile: Profi
     """The C library reads latents of any width, with and without an index network, as the definition does."""
     scene = neural_scene(seed, profile, anchors=60, latent=size, network=network)
     data = write_scene(scene)
-    assert_same(read(data), scene.contents)
+    assert same(read(data), scene.contents)
     both = [decode(data, native=native).arrays() for native in (True, False)]
     assert all(map(np.array_equal, *both))
 
@@ -105,19 +98,3 @@ def test_damaged_network_blocks_raise_only_our_errors(seed: int, kind: BlockKind
         read(rebuilt(data, blocks))
     except ScarError:
         return
-
-
-def test_a_layer_of_mode_1_needs_its_network() -> None:
-    """A layer of mode 1 without a network is refused, and so is a network that no layer needs."""
-    scene = neural_scene(3)
-    data = write_scene(scene)
-    without = [block for block in blocks_of(data) if block.kind != BlockKind.ENTROPY_NETWORK]
-    with pytest.raises(Malformed) as caught:
-        SceneReader(BytesSource(rebuilt(data, without))).models()
-    assert caught.value.refusal == "missing-block"
-    rows = tuple(replace(row, neural=False) for row in scene.model.layers)
-    static = write_scene(replace(scene, model=replace(scene.model, layers=rows), network=None, grid=None))
-    network = next(block for block in blocks_of(data) if block.kind == BlockKind.ENTROPY_NETWORK)
-    with pytest.raises(Malformed) as caught:
-        SceneReader(BytesSource(rebuilt(static, [*blocks_of(static), network]))).models()
-    assert caught.value.refusal == "unexpected-block"

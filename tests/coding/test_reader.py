@@ -19,7 +19,8 @@ from scarfmt.container.source import BytesSource
 from scarfmt.container.substreams import pack_substreams, unpack_table
 from scarfmt.errors import InvalidInput, Malformed, Truncated
 from scarfmt.tools.truncate import truncate
-from tests.samples.contents import ATTRIBUTES, same_content
+from tests.samples.contents import ATTRIBUTES
+from tests.samples.equality import same
 
 
 def opened(data: bytes, *, allow_truncated: bool = False) -> SceneReader:
@@ -38,8 +39,8 @@ def test_fewer_layers_are_the_truncated_file(scene: QuantisedScene) -> None:
         assert models.model == cut.models().model == kept.model
         assert sorted(models.tables[-1]) == sorted(cut.models().tables[-1])
         for (_, a), (_, b), c in zip(reader.tiles(models), cut.tiles(cut.models()), kept.contents, strict=True):
-            assert same_content(a, b)
-            assert same_content(a, c)
+            assert same(a, b)
+            assert same(a, c)
 
 
 @settings(deadline=None, max_examples=20)
@@ -52,7 +53,7 @@ def test_the_order_of_tiles_changes_nothing(scene: QuantisedScene, random: objec
     models = reader.models()
     found = list(reader.tiles(models, order))
     assert [tile for tile, _ in found] == order
-    assert all(same_content(content, scene.contents[tile]) for tile, content in found)
+    assert all(same(content, scene.contents[tile]) for tile, content in found)
     assert list(reader.tiles(models, [])) == []
 
 
@@ -133,7 +134,7 @@ def test_read_ahead_is_bounded(monkeypatch: pytest.MonkeyPatch) -> None:
         monkeypatch.setattr("scarfmt.coding.reader.PREFETCH_BYTES", bound)
         largest = 0
         found = [content for _, content in opened(data).tiles(opened(data).models())]
-        assert all(map(same_content, found, scene.contents))
+        assert same(found, scene.contents)
         assert 0 < largest <= max(bound, *(e.length for e in entries))
 
 

@@ -22,7 +22,8 @@ from scarfmt.entropy.symbol_reader import SymbolReader
 from scarfmt.entropy.symbol_tables import SymbolTable
 from scarfmt.scene.model import Channel, LayerRow, SceneModel
 from tests.samples.codec_samples import refuses
-from tests.samples.contents import ATTRIBUTES, arrays_of, same_content
+from tests.samples.contents import ATTRIBUTES, arrays_of
+from tests.samples.equality import same
 
 Tables = dict[TableKey, SymbolTable]
 Coded = tuple[int, dict[Stream, bytes], Tables]
@@ -81,7 +82,7 @@ def test_after_each_layer_a_decoder_holds_what_keeping_layers_gives(scene: Quant
             stages = kept.model.max_stages
             assert not content.indices[:, stages:].any()
             here = replace(content, indices=content.indices[:, :stages])
-            assert same_content(here, kept.contents[tile])
+            assert same(here, kept.contents[tile])
 
 
 @settings(deadline=None, max_examples=25)

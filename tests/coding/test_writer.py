@@ -22,7 +22,8 @@ from scarfmt.container.source import BytesSource
 from scarfmt.errors import InvalidInput
 from scarfmt.scene.model import Channel, LayerRow, SceneModel, first_layers
 from scarfmt.tools.truncate import truncate
-from tests.samples.contents import read_everything, same_content
+from tests.samples.contents import read_everything
+from tests.samples.equality import same
 
 
 @settings(deadline=None, max_examples=40)
@@ -32,7 +33,7 @@ def test_scenes_come_back_and_equal_scenes_give_equal_bytes(scene: QuantisedScen
     data = write_scene(scene)
     found = read_everything(data)
     assert len(found) == len(scene.contents)
-    assert all(map(same_content, found, scene.contents))
+    assert same(found, scene.contents)
     again = QuantisedScene(
         scene.fields,
         scene.model,
@@ -73,7 +74,7 @@ def test_a_large_single_tile_comes_back(profile: Profile) -> None:
     """Thousands of anchors, where tables of every node size are in use."""
     scene = random_scene(11, profile, anchors=6000, tiles=1, layers=2)
     (found,) = read_everything(write_scene(scene))
-    assert same_content(found, scene.contents[0])
+    assert same(found, scene.contents[0])
 
 
 def test_header_counts_are_what_the_layers_hold() -> None:
@@ -100,7 +101,7 @@ def test_a_layer_that_adds_nothing_has_no_tiles_and_no_tables() -> None:
     data = write_scene(scene)
     last = [block.kind for block in blocks_of(data) if block.layer == 3]
     assert last == [BlockKind.LAYER]
-    assert all(map(same_content, read_everything(data), scene.contents))
+    assert same(read_everything(data), scene.contents)
 
 
 def test_tables_are_sent_again_only_when_that_is_cheaper() -> None:

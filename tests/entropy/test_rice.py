@@ -45,13 +45,6 @@ def test_ones_without_end_are_short_or_too_many(count: int) -> None:
     refuses("bad-rice", lambda: read(b"\0" + b"\xff" * (most + 9) + b"\0" * count, count))
 
 
-def test_a_payload_that_ends_in_the_quotients_is_short_whatever_they_are() -> None:
-    """All are found before one is checked: a quotient of 256, then too few bits."""
-    long = b"\0" + b"\xff" * 32
-    refuses("payload-short", lambda: read(long + b"\x7f", 2))
-    refuses("bad-rice", lambda: read(long + b"\x3f", 2))
-
-
 @given(st.lists(st.integers(-(2**12), 2**12), max_size=60), st.integers(0, 18))
 def test_shifted_numbers_come_back(values: list[int], shift: int) -> None:
     """With their common zero bits left out: no byte more than the numbers without them."""

@@ -18,26 +18,13 @@ from scarfmt.formats.anchor_npz import save_anchor_npz
 from scarfmt.scene.gaussians import AnchorModel
 from tests.formats.scene_files import anchor_arrays, anchor_npz, npy, zipped
 from tests.samples.codec_samples import refuses
+from tests.samples.equality import same
 
 
 def read(data: bytes | Path) -> AnchorModel:
     model = load(data)
     assert isinstance(model, AnchorModel)
     return model
-
-
-def assert_same(a: AnchorModel, b: AnchorModel) -> None:
-    for name in ("anchors", "features", "offsets", "log_scaling"):
-        np.testing.assert_array_equal(getattr(a, name), getattr(b, name))
-        assert getattr(a, name).dtype == getattr(b, name).dtype
-    assert a.mlps.keys() == b.mlps.keys()
-    for name, mlp in a.mlps.items():
-        other = b.mlps[name]
-        for mine, its in zip((*mlp.weights, *mlp.biases), (*other.weights, *other.biases), strict=True):
-            np.testing.assert_array_equal(mine, its)
-    assert (a.slot_mask is None) == (b.slot_mask is None)
-    if a.slot_mask is not None and b.slot_mask is not None:
-        np.testing.assert_array_equal(a.slot_mask, b.slot_mask)
 
 
 def test_arrays_land_in_their_place() -> None:
@@ -59,7 +46,7 @@ def test_saved_model_reads_back_exactly(tmp_path: Path, masked: bool, shift: flo
     mask = np.arange(10).reshape(5, 2) % 3 > 0 if masked else None
     model = replace(model, anchors=model.anchors + shift, slot_mask=mask)
     save_anchor_npz(model, tmp_path / "model.npz")
-    assert_same(read(tmp_path / "model.npz"), model)
+    assert same(read(tmp_path / "model.npz"), model)
     with pytest.raises(InvalidInput):
         save_anchor_npz(model, tmp_path / "model.npz")
 
@@ -67,7 +54,7 @@ def test_saved_model_reads_back_exactly(tmp_path: Path, masked: bool, shift: flo
 def test_fortran_order_and_other_float_types() -> None:
     arrays = anchor_arrays()
     changed = arrays | {"feat": np.asfortranarray(arrays["feat"]), "anchor": arrays["anchor"].astype(">f8")}
-    assert_same(read(anchor_npz(changed)), read(anchor_npz(arrays)))
+    assert same(read(anchor_npz(changed)), read(anchor_npz(arrays)))
 
 
 def test_pickled_arrays_are_never_opened() -> None:

@@ -17,7 +17,6 @@ from fuzz.testing.mutators import mutate
 from fuzz.testing.neural_scenes import neural_scene
 from fuzz.testing.strategies import neural_scenes, quantised_scenes
 from reference_decoder.decode import decode, decode_scene
-from reference_decoder.decoded import Decoded
 from scarfmt.coding.reader import SceneReader
 from scarfmt.coding.writer import QuantisedScene, write_scene
 from scarfmt.container.schema import BlockKind
@@ -27,6 +26,7 @@ from scarfmt.native.binding import library
 from scarfmt.native.file import NativeFile
 from scarfmt.scene.gaussians import GaussianScene
 from scarfmt.scene.streams import ATTRIBUTES
+from tests.samples.equality import same
 
 pytestmark = pytest.mark.skipif(library() is None, reason="no C library")
 MOST_PRODUCTS = 4
@@ -42,12 +42,6 @@ def products() -> Iterator[ctypes.CDLL]:
     native.scar_products(0)
 
 
-def assert_same(one: Decoded, other: Decoded) -> None:
-    for here, there in zip(one.arrays(), other.arrays(), strict=True):
-        assert here.dtype == there.dtype
-        assert np.array_equal(here, there, equal_nan=here.dtype.kind == "f")
-
-
 def test_all_products_give_the_same_integers(products: ctypes.CDLL) -> None:
     """Those of each kind of vectors that this processor has, and the plain ones."""
     files = [read(name) for name in names("valid/*") if "predictor" in name or "index" in name or "neural" in name]
@@ -58,7 +52,7 @@ def test_all_products_give_the_same_integers(products: ctypes.CDLL) -> None:
     for some in range(MOST_PRODUCTS):
         products.scar_products(some)
         for data, found in zip(files, wanted, strict=True):
-            assert_same(decode(data), found)
+            assert same(decode(data).arrays(), found.arrays())
 
 
 @settings(deadline=None, max_examples=25)
@@ -73,7 +67,8 @@ def test_regions_layers_and_attributes(scene: QuantisedScene) -> None:
         {"box": (low, high)},
         *({"attributes": [name]} for name in ATTRIBUTES),
     ):
-        assert_same(decode(data, **asked), decode(data, native=False, **asked))  # type: ignore[arg-type]
+        found, wanted = (decode(data, native=native, **asked).arrays() for native in (True, False))  # type: ignore[arg-type]
+        assert same(found, wanted)
 
 
 @settings(deadline=None, max_examples=25)
@@ -91,8 +86,8 @@ def test_threads_share_models() -> None:
     files = [write_scene(neural_scene(seed, anchors=120, tiles=5)) for seed in range(6)]
     wanted = [decode(data, threads=1) for data in files]
     with ThreadPoolExecutor(4) as pool:
-        for found, same in zip(pool.map(lambda data: decode(data, threads=3), files * 4), wanted * 4, strict=True):
-            assert_same(found, same)
+        for found, alone in zip(pool.map(lambda data: decode(data, threads=3), files * 4), wanted * 4, strict=True):
+            assert same(found.arrays(), alone.arrays())
 
 
 @pytest.mark.skipif(not Path("/proc/self/statm").exists(), reason="no /proc")
@@ -125,4 +120,4 @@ def test_damaged_files_are_answered_as_by_the_definition() -> None:
         if isinstance(answers[0], tuple):
             assert answers[0] == answers[1]
         else:
-            assert_same(answers[0], answers[1])
+            assert same(answers[0].arrays(), answers[1].arrays())

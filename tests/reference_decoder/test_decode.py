@@ -24,7 +24,7 @@ from scarfmt.container.schema import BlockKind, Profile, Stream
 from scarfmt.container.source import BytesSource
 from scarfmt.container.substreams import MAX_TABLE_SIZE
 from scarfmt.counters import Counters
-from scarfmt.errors import InvalidInput, LimitExceeded, Malformed, Truncated
+from scarfmt.errors import InvalidInput, LimitExceeded, Malformed
 from scarfmt.limits import Limits
 from scarfmt.scene.gaussians import GaussianScene
 from scarfmt.scene.streams import ATTRIBUTES
@@ -213,14 +213,6 @@ def test_arguments_that_do_not_fit_are_refused(arguments: dict[str, object], ref
     with pytest.raises(InvalidInput) as caught:
         decode(write_scene(random_scene(0)), **arguments)  # type: ignore[arg-type]
     assert caught.value.refusal == refusal
-
-
-def test_cut_file_is_refused_or_decodes_its_whole_layers() -> None:
-    data = write_scene(random_scene(4, anchors=500))
-    with pytest.raises(Truncated):
-        decode(data[:-1])
-    part = decode(data[:-1], allow_truncated=True)
-    assert_equal(part, decode(data, layers=2))
 
 
 def test_position_far_outside_its_tile_is_refused() -> None:

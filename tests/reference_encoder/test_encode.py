@@ -10,8 +10,7 @@ import numpy as np
 import pytest
 
 from reference_decoder.decode import decode
-from reference_encoder.encode import Encoded, EncodeOptions, Encoder, encode, measure_scene
-from scarfmt.coding.writer import keep_layers, write_scene
+from reference_encoder.encode import Encoded, EncodeOptions, encode
 from scarfmt.container.source import BytesSource
 from scarfmt.errors import InvalidInput
 from scarfmt.formats import load
@@ -19,7 +18,6 @@ from scarfmt.render.camera import orbit_cameras
 from scarfmt.render.compare import compare
 from scarfmt.scene.gaussians import GaussianScene
 from scarfmt.tools.inspection import inspect
-from scarfmt.tools.truncate import truncate
 
 OPTIONS = EncodeOptions(effort=1, layers=4, quality=40)
 
@@ -53,16 +51,6 @@ def data(scene: GaussianScene) -> Encoded:
 def test_same_input_same_bytes(scene: GaussianScene, data: bytes) -> None:
     """Encoding twice gives the same bytes."""
     assert encode(scene, OPTIONS) == data
-
-
-def test_truncation_is_an_identity(scene: GaussianScene) -> None:
-    """truncate(encode(L), k) is byte-equal to writing k layers with the same models."""
-    plain = Encoder(measure_scene(scene, OPTIONS)).run().scene
-    layers = len(plain.model.layers)
-    assert layers >= 3
-    whole = write_scene(plain)
-    for kept in range(1, layers + 1):
-        assert truncate(BytesSource(whole), kept) == write_scene(keep_layers(plain, kept))
 
 
 def test_every_layer_looks_better(scene: GaussianScene, data: bytes) -> None:

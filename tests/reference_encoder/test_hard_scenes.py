@@ -14,7 +14,6 @@ from reference_decoder.decode import decode
 from reference_encoder.encode import EncodeOptions, encode
 from scarfmt.container.source import BytesSource
 from scarfmt.errors import InvalidInput
-from scarfmt.formats.clean import clean
 from scarfmt.scene.gaussians import GaussianScene
 from scarfmt.tools.validate import validate
 
@@ -123,19 +122,6 @@ def test_empty_scene_is_refused() -> None:
     """Nothing to encode is said clearly."""
     with pytest.raises(InvalidInput, match="input-empty"):
         encode(cloud(3).take(np.zeros(0, np.int64)), QUICK)
-
-
-def test_not_finite_is_refused_or_dropped() -> None:
-    """NaN and infinite positions are refused with count and first index, or dropped and counted."""
-    scene = cloud(50)
-    scene.positions[7, 1] = np.inf
-    scene.opacity_logits[9] = np.nan
-    with pytest.raises(InvalidInput, match=r"input-not-finite.*2.*7"):
-        clean(scene)
-    kept, dropped = clean(scene, drop_invalid=True)
-    assert dropped == 2
-    assert len(kept) == 48
-    assert len(decode(encode(kept, QUICK)).scene) > 30
 
 
 @pytest.mark.parametrize("huge", [1 << 20, -(1 << 20)])

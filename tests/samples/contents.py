@@ -18,11 +18,6 @@ ATTRIBUTES = frozenset(Stream) - {Stream.MODELS, Stream.FRAMING, Stream.POSITION
 """Streams a caller may leave out."""
 
 
-def same_content(a: TileContent, b: TileContent) -> bool:
-    """Whether two tiles hold the same integers, in the same types."""
-    return all(x.dtype == y.dtype and np.array_equal(x, y) for x, y in zip(arrays_of(a), arrays_of(b), strict=True))
-
-
 def arrays_of(tile: TileContent) -> list[NDArray[np.generic]]:
     """All arrays of a tile."""
     return [tile.codes, tile.classes, tile.indices, tile.slot_layers, *tile.values]

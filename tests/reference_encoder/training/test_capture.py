@@ -4,7 +4,6 @@ one line."""
 from __future__ import annotations
 
 import json
-import shutil
 import warnings
 from collections.abc import Callable
 from dataclasses import replace
@@ -155,12 +154,6 @@ def points_at_nan(folder: Path) -> None:
 
 
 BAD: dict[str, tuple[Callable[[Path], object], str, str]] = {
-    "nothing at all": (
-        lambda folder: [shutil.rmtree(folder / "images"), (folder / "cameras.json").unlink()],
-        "input-cameras",
-        "no cameras in this folder",
-    ),
-    "poses of nothing": (lambda folder: edit(folder, lambda e: e.clear()), "input-cameras", "lists no cameras"),
     "one photo": (lambda folder: edit(folder, lambda e: e.__delitem__(slice(1, None))), "input-capture", "1 photo;"),
     "another size": (
         lambda folder: Image.new("RGB", (9, 7)).save(folder / "images" / "photo3.png"),
@@ -175,11 +168,6 @@ BAD: dict[str, tuple[Callable[[Path], object], str, str]] = {
     "a corrupt JPEG": (lambda folder: as_jpeg(folder, 600), "input-image", "photo1.jpg is "),
     "a JPEG of nothing": (lambda folder: as_jpeg(folder, 0), "input-image", "photo1.jpg is not a readable picture"),
     "16 bits": (in_16_bits, "input-image", "photo1.png has more than 8 bits a channel"),
-    "a NaN pose": (
-        lambda folder: edit(folder, lambda e: e[2]["world_to_camera"][0].__setitem__(0, float("nan"))),
-        "input-cameras",
-        "world_to_camera has to be 4 x 4 finite numbers",
-    ),
     "black photos": (lambda folder: blacken(folder, range(PHOTOS)), "input-capture", "8 of 8 photos are black"),
     "all but one black": (lambda folder: blacken(folder, range(7)), "input-capture", "7 of 8 photos are black"),
     "nothing to test with": (
