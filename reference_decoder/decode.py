@@ -216,8 +216,7 @@ class Decoding:
         found = NativeFile(native, header.fields, header.file_length, self.layers, blocks)
         if found.refusal is not None:
             return None
-        declared = self.reader.extent(self.layers, self._chosen)
-        work = found.work(declared.tiles, declared.anchors, declared.splits)
+        work = found.work(*self.reader.extent(self.layers, self._chosen))
         most = FREE_WORK + limits.work_per_byte * header.file_length
         # The library knows the usual limit of contents alone, and leaves the work of networks to the definition.
         if not 0 <= work <= most or limits.content_per_byte < DEFAULT_LIMITS.content_per_byte:

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import math
 import warnings
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -23,25 +24,6 @@ if TYPE_CHECKING:
     from scarfmt.cli.scenes import SceneOrigin, Subject
     from scarfmt.render.camera import Camera
     from scarfmt.render.compare import Comparison
-
-
-@dataclass(frozen=True)
-class Request:
-    """The options of a comparison.
-
-    Attributes:
-        views: the user's choice of views.
-        listed: the cameras of --cameras, or None.
-        ssim: whether to compute SSIM too.
-        photos: folder of photos to compare both scenes with, or None.
-        held_out: names of those that were not learnt from; none where the folder has to say it.
-    """
-
-    views: ViewOptions
-    listed: list[Camera] | None
-    ssim: bool
-    photos: str | None
-    held_out: tuple[str, ...] = ()
 
 
 _MIDDLE = (0.1, 0.9)
@@ -67,6 +49,10 @@ class Quality:
             {name: getattr(views, name) for name in _STATISTICS} for views in (self.views, *self.kinds.values())
         )
         return {**whole, "kinds": dict(zip(self.kinds, parts, strict=True))}
+
+
+Measure = Callable[["Subject", "Subject", Tell], Quality]
+"""Quality of the second scene, in the terms that the options ask for."""
 
 
 @click.command()
@@ -116,12 +102,15 @@ def compare(
     check_stdout()
     with progress() as report:
         first, second = scene_origin(a), scene_origin(b)
-        held_out = () if photos is None else _held_out(photos, (second, first))
-        request = Request(options, listed_cameras(options), ssim, photos, held_out)
-        if all_layers:
-            rows = _compare_layers(first, layers_a, second, request, report)
+        measure: Measure
+        if photos is None:
+            measure = partial(_against, options, listed_cameras(options), ssim)
         else:
-            result = _compare_pair(first, layers_a, second, layers_b, request, report)
+            measure = partial(_with_photos, photos, _held_out(photos, (second, first)), ssim)
+        if all_layers:
+            rows = _compare_layers(first, layers_a, second, measure, report)
+        else:
+            result = _compare_pair(first, layers_a, second, layers_b, measure, photos is not None, report)
     return _layers_report(a, b, rows) if all_layers else _pair_report(a, b, result)
 
 
@@ -151,7 +140,13 @@ def _training(origin: SceneOrigin) -> dict[str, Any]:
 
 
 def _compare_pair(
-    a: SceneOrigin, layers_a: int | None, b: SceneOrigin, layers_b: int | None, request: Request, report: Tell
+    a: SceneOrigin,
+    layers_a: int | None,
+    b: SceneOrigin,
+    layers_b: int | None,
+    measure: Measure,
+    both: bool,
+    report: Tell,
 ) -> dict[str, Quality]:
     """Quality of B against A under ``b``; with photos, quality of each scene against them under ``a`` and ``b``."""
     from scarfmt.cli.scenes import load_subject
@@ -159,9 +154,8 @@ def _compare_pair(
     first = load_subject(a, layers_a)
     second = load_subject(b, layers_b).beside(first)
     _warn_if_apart(first, second)
-    if request.photos is not None:
-        return {name: _with_photos(subject, request) for name, subject in (("a", first), ("b", second))}
-    return {"b": _against(first, second, request, report)}
+    subjects = {"a": first, "b": second} if both else {"b": second}
+    return {name: measure(first, subject, report) for name, subject in subjects.items()}
 
 
 def _warn_if_apart(first: Subject, second: Subject) -> None:
@@ -174,12 +168,15 @@ def _warn_if_apart(first: Subject, second: Subject) -> None:
         warnings.warn(message, InputWarning, stacklevel=2)
 
 
-def _against(first: Subject, second: Subject, request: Request, report: Tell) -> Quality:
+def _against(
+    options: ViewOptions, listed: list[Camera] | None, ssim: bool, first: Subject, second: Subject, report: Tell
+) -> Quality:
+    """Quality of the second scene against the first, from the cameras that are listed or placed around the first."""
     from scarfmt.render.compare import compare
 
-    kinds = {LISTED: request.listed} if request.listed else views_of(first.placed, request.views, EVERYWHERE)
+    kinds = {LISTED: listed} if listed else views_of(first.placed, options, EVERYWHERE)
     cameras = [camera for views in kinds.values() for camera in views]
-    found = compare(first.view, second.reporting(report, len(cameras)).view, cameras, request.ssim)
+    found = compare(first.view, second.reporting(report, len(cameras)).view, cameras, ssim)
     parts, first_view = {}, 0
     for kind, views in kinds.items():
         parts[kind] = found.part(first_view, len(views))
@@ -187,16 +184,18 @@ def _against(first: Subject, second: Subject, request: Request, report: Tell) ->
     return Quality(found, parts)
 
 
-def _with_photos(subject: Subject, request: Request) -> Quality:
+def _with_photos(
+    photos: str, held_out: tuple[str, ...], ssim: bool, _first: Subject, second: Subject, _report: Tell
+) -> Quality:
+    """Quality of the second scene against the photos of a folder that were held out of training."""
     from scarfmt.render.compare import compare_with_photos
 
-    assert request.photos is not None
-    found = compare_with_photos(subject.view, request.photos, ssim=request.ssim, names=request.held_out)
+    found = compare_with_photos(second.view, photos, ssim=ssim, names=held_out)
     return Quality(found, {"photos": found})
 
 
 def _compare_layers(
-    a: SceneOrigin, layers_a: int | None, b: SceneOrigin, request: Request, report: Tell
+    a: SceneOrigin, layers_a: int | None, b: SceneOrigin, measure: Measure, report: Tell
 ) -> list[dict[str, Any]]:
     """One row for each complete layer of B: its number, bytes, bytes per Gaussian, PSNR and SSIM."""
     from scarfmt.cli.scenes import layer_table, load_subject
@@ -208,7 +207,7 @@ def _compare_layers(
         report(f"layer {layer['layer']}", (layer["layer"] - 1) / len(table))
         second = load_subject(b, layer["layer"]).beside(first)
         quiet: Tell = lambda _stage, _part: None  # noqa: E731
-        result = _with_photos(second, request) if request.photos else _against(first, second, request, quiet)
+        result = measure(first, second, quiet)
         rows.append(
             {
                 "layer": layer["layer"],

@@ -16,7 +16,7 @@ from scarfmt.arrays import I64
 from scarfmt.blocks.registry import MODEL_BLOCKS
 from scarfmt.coding.models import ModelBlocks, SceneModels, load_models, placed
 from scarfmt.coding.tile import NeuralModels, TileContent, coded_streams, get_layer, needed_streams
-from scarfmt.coding.work import MOST_SPLITS, Contents, Extent, check_work, declared_work
+from scarfmt.coding.work import MOST_SPLITS, Contents, check_work, declared_work
 from scarfmt.container.directory import tile_frame
 from scarfmt.container.file import COALESCE_BYTES, Container, Entry, check_crc
 from scarfmt.container.schema import Stream
@@ -97,16 +97,17 @@ class SceneReader:
         :meth:`models`."""
         contents = Contents(self.header.file_length, self.container.limits)
         models = load_models(self.header.fields, layers, ModelBlocks(payloads, contents.decompress))
-        declared = declared_work(models, self.extent(layers, np.array(tiles, np.int64)))
+        declared = declared_work(models, *self.extent(layers, np.array(tiles, np.int64)))
         check_work(declared, self.header.file_length, self.container.limits)
         return models
 
-    def extent(self, layers: int, tiles: I64) -> Extent:
-        """The totals that the directory declares for some tiles in the first layers. Reads their pages."""
+    def extent(self, layers: int, tiles: I64) -> tuple[I64, int, int]:
+        """The tiles, anchors and splits that the directory declares for some tiles in the first layers, as
+        :func:`~scarfmt.coding.work.declared_work` takes them. Reads their pages."""
         counts, rows = self.container.tile_counts(layers, tiles), self.container.tile_rows(tiles)
         local = self.header.fields.lattice_bits - rows["depth"].astype(np.int64) - rows["shift"]
         splits = int((3 * local[:, None] * np.clip(counts - 1, 0, MOST_SPLITS)).sum())
-        return Extent((counts.cumsum(axis=1) > 0).sum(axis=0), int(counts.sum()), splits)
+        return (counts.cumsum(axis=1) > 0).sum(axis=0), int(counts.sum()), splits
 
     def tiles(
         self,

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
 
 from scarfmt.arrays import I64
 from scarfmt.coding.models import SceneModels
@@ -60,33 +59,25 @@ def _by_step(tables: Sequence[Mapping[TableKey, SymbolTable]]) -> Iterator[Count
         before = here
 
 
-@dataclass(frozen=True)
-class Extent:
-    """The totals that a directory declares for the first layers.
+def declared_work(models: SceneModels, tiles: I64, anchors: int, splits: int) -> int:
+    """The work of decoding a file's first layers with its models, in the terms of SPEC §13.2.
 
-    Attributes:
+    Args:
+        models: of those layers.
         tiles: (layers,) tiles that have anchors after each layer.
         anchors: after the last of them.
         splits: levels of the trees of positions, times the nodes that each may have, up to `MOST_SPLITS`.
     """
-
-    tiles: I64
-    anchors: int
-    splits: int
-
-
-def declared_work(models: SceneModels, declared: Extent) -> int:
-    """The work of decoding so many tiles and anchors with some models, in the terms of SPEC §13.2."""
     model, tables = models.model, list(_by_step(models.tables))
     layers = range(1, len(model.layers) + 1)
     started = sum(
         int(count) * _of_tile(models, tables[layer - 1], layer)
-        for layer, count in zip(layers, declared.tiles, strict=True)
+        for layer, count in zip(layers, tiles, strict=True)
     )
     classes = range(model.layers[-1].class_count)
     refined = max(sum(_of_anchor(models, layer, kind) for layer in layers) for kind in classes)
     once = sum(tables[-1].values()) * RECORD + _of_networks(models)
-    return once + started + SPLIT * declared.splits + declared.anchors * (refined + _of_result(models))
+    return once + started + SPLIT * splits + anchors * (refined + _of_result(models))
 
 
 def _of_networks(models: SceneModels) -> int:

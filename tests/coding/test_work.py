@@ -27,7 +27,7 @@ def work_of(data: bytes, layers: int | None = None) -> int:
     """Declared work of a file's first layers."""
     reader = SceneReader(BytesSource(data), limits=FORMAT_LIMITS)
     models = reader.models(layers)
-    return declared_work(models, reader.extent(len(models.model.layers), np.arange(reader.header.tile_count)))
+    return declared_work(models, *reader.extent(len(models.model.layers), np.arange(reader.header.tile_count)))
 
 
 @pytest.mark.parametrize("profile", Profile)

@@ -102,7 +102,7 @@ def test_the_work_of_the_reference_is_that_of_the_specification(class_: str) -> 
                 models = reader.models(layer["layer"])
                 declared = reader.extent(layer["layer"], np.arange(reader.header.tile_count))
                 readable_file = Decoder(read(name), layer["layer"], UNLIMITED)
-                if declared_work(models, declared) != Work(readable_file).total():
+                if declared_work(models, *declared) != Work(readable_file).total():
                     wrong.append((name, layer["layer"]))
     assert not wrong
 

@@ -159,4 +159,4 @@ def test_the_values_of_work_are_the_codes() -> None:
         k, models, splits, tiles, anchors, an_anchor, work = map(int, numbers)
         reader = SceneReader(BytesSource(read(id_.strip("`"))))
         extent = reader.extent(k, np.arange(reader.header.tile_count))
-        assert work == declared_work(reader.models(k), extent) == models + splits + tiles + anchors * an_anchor
+        assert work == declared_work(reader.models(k), *extent) == models + splits + tiles + anchors * an_anchor
