@@ -12,7 +12,8 @@ from conformance.faults.zstd_faults import raw_block, window_of, with_frame, zst
 from conformance.scenes.cases import Case
 from conformance.scenes.container_scenes import plain_scene
 from conformance.surgery.files import blocks_of, content_of, vector_file
-from conformance.writer import WriteOptions, table_of
+from conformance.writer.options import WriteOptions
+from conformance.writer.tables import table_of
 from scarfmt.container.schema import BlockKind
 from scarfmt.entropy.keys import TableKey
 

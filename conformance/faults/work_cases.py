@@ -11,8 +11,9 @@ import numpy as np
 from conformance.scenes.cases import Case
 from conformance.scenes.made import Plan, build, channel
 from conformance.surgery.files import vector_file
-from conformance.writer import FrameStyle, WriteOptions, table_of
-from conformance.writer.frames import BlockForm
+from conformance.writer.frames import BlockForm, FrameStyle
+from conformance.writer.options import WriteOptions
+from conformance.writer.tables import table_of
 from scarfmt.blocks.mlp import Linear, QuantisedMlp
 from scarfmt.coding.writer import QuantisedScene
 from scarfmt.container.file import Tile

@@ -28,8 +28,8 @@ from conformance.scenes.made import (
 from conformance.scenes.neural_models import GridPlan, NetworkPlan, PredictorPlan
 from conformance.surgery.files import vector_file
 from conformance.surgery.parts import TILE_KIND, Parts, taken_apart
-from conformance.writer import FrameStyle, WriteOptions
-from conformance.writer.frames import BlockForm
+from conformance.writer.frames import BlockForm, FrameStyle
+from conformance.writer.options import WriteOptions
 from scarfmt.blocks.mlp import Linear, QuantisedMlp
 from scarfmt.coding.writer import QuantisedScene
 from scarfmt.container.schema import BlockKind, Profile, Stream

@@ -9,7 +9,7 @@ import numpy as np
 
 from conformance.scenes.made import ANCHOR_CHANNELS, Plan, build, channel
 from conformance.surgery.files import vector_file
-from conformance.writer import WriteOptions
+from conformance.writer.options import WriteOptions
 from scarfmt.coding.writer import QuantisedScene
 from scarfmt.container.file import Tile
 from scarfmt.container.schema import Profile, Stream

@@ -12,7 +12,8 @@ from conformance.scenes.cases import Case
 from conformance.scenes.made import ANCHOR_CHANNELS, EVERY_CHANNEL, Plan, build, channel
 from conformance.scenes.neural_models import GridPlan, NetworkPlan, PredictorPlan
 from conformance.surgery.files import vector_file
-from conformance.writer import RiceStyle, WriteOptions
+from conformance.writer.fields import RiceStyle
+from conformance.writer.options import WriteOptions
 from scarfmt.arrays import I32
 from scarfmt.coding.writer import QuantisedScene
 from scarfmt.container.file import Tile

@@ -27,7 +27,11 @@ from conformance.scenes.made import (
 from conformance.scenes.page_scenes import page_cases
 from conformance.scenes.prng import Prng
 from conformance.surgery.files import vector_file
-from conformance.writer import BlockForm, FrameStyle, Renewal, RiceStyle, Weights, WriteOptions, kept_frame, table_of
+from conformance.writer.fields import RiceStyle
+from conformance.writer.frames import BlockForm, FrameStyle
+from conformance.writer.kept_frames import kept_frame
+from conformance.writer.options import Renewal, Weights, WriteOptions
+from conformance.writer.tables import table_of
 from scarfmt.coding.writer import QuantisedScene
 from scarfmt.container.file import Block, Tile
 from scarfmt.container.schema import BlockFlag, BlockKind, Profile, Stream

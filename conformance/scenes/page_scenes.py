@@ -10,7 +10,7 @@ from conformance.scenes.container_scenes import many_pages_file, many_pages_scen
 from conformance.scenes.made import Plan, build, channel, steady
 from conformance.scenes.neural_scenes import neural_plans
 from conformance.surgery.files import vector_file
-from conformance.writer import WriteOptions
+from conformance.writer.options import WriteOptions
 from scarfmt.coding.writer import QuantisedScene
 from scarfmt.container.file import Tile
 from scarfmt.container.schema import Stream

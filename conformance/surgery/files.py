@@ -8,8 +8,10 @@ from dataclasses import replace
 from conformance.decoders.python.front import NO_TILE, Root, read_entries, read_tiles
 from conformance.spec.spec_text import size_of
 from conformance.surgery.parts import Row, substreams, unpack
-from conformance.writer import FrameStyle, WriteOptions, write_container, write_file
-from conformance.writer.container import Counts
+from conformance.writer.container import Counts, write_container
+from conformance.writer.file import write_file
+from conformance.writer.frames import FrameStyle
+from conformance.writer.options import WriteOptions
 from scarfmt.coding.writer import QuantisedScene
 from scarfmt.container.bytefields import decompress
 from scarfmt.container.file import Block, HeaderFields, Tile

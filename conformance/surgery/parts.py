@@ -61,7 +61,7 @@ class Parts:
 
     ROOT and the pages are made from `tiles` and `entries`. Their `offset`s are told to whoever looks, and nothing is
     made from them: blocks lie one after the other. `root_length` and `pages_length` are what the numbers of `header`
-    and `layers` reckon with.
+    and `layers` reckon with. `streams` of an entry are the bytes of its sub-streams, where its table does not say them.
     """
 
     header: Row
@@ -140,7 +140,8 @@ class Parts:
         for entry, block in zip(self.entries, self.blocks, strict=True):
             if entry["layer"] == layer:
                 streams[_FRAMING if entry["kind"] == TILE_KIND else _MODELS] += len(block)
-                for kind, length in substreams(block) if entry["kind"] == TILE_KIND else ():
+                found = entry["streams"] if "streams" in entry else substreams(block)
+                for kind, length in found if entry["kind"] == TILE_KIND else ():
                     streams[kind] += length
                     streams[_FRAMING] -= length
         return streams

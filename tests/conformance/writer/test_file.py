@@ -10,7 +10,10 @@ import pytest
 from conformance.scenes.made import build, static_plans, worked_scene
 from conformance.scenes.neural_scenes import neural_plans
 from conformance.surgery.files import COMPRESSED, blocks_of, content_of
-from conformance.writer import FrameStyle, WriteOptions, write_container, write_file
+from conformance.writer.container import write_container
+from conformance.writer.file import write_file
+from conformance.writer.frames import FrameStyle
+from conformance.writer.options import WriteOptions
 from scarfmt.blocks.tables import unpack_tables
 from scarfmt.coding.writer import QuantisedScene, layer_counts, write_scene
 from scarfmt.container.file import write_container as reference_container
