@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import zlib
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 
 from conformance.faults.block_faults import codebook_faults, decoder_faults, idle_faults, scene_faults, table_faults
 from conformance.faults.grid_faults import grid_faults
@@ -12,7 +12,7 @@ from conformance.faults.network_faults import network_faults, place_faults
 from conformance.faults.predictor_faults import predictor_faults
 from conformance.faults.rice_faults import rice_faults
 from conformance.scenes.cases import Case, Fault, refused
-from conformance.surgery.edit import append, cut, plus, splice
+from conformance.surgery.edit import append, cut, plus, replaced, splice
 from conformance.surgery.files import (
     block_of,
     blocks_of,
@@ -21,7 +21,7 @@ from conformance.surgery.files import (
     rebuilt,
     reframed,
     substream_bytes,
-    tile_parts,
+    with_substream,
     without,
 )
 from conformance.surgery.parts import broken, flipped, header_with
@@ -30,7 +30,6 @@ from scarfmt.blocks.codebooks import MAX_VALUE, unpack_codebooks
 from scarfmt.coding.writer import QuantisedScene
 from scarfmt.container.file import Block
 from scarfmt.container.schema import BlockKind, Stream
-from scarfmt.container.substreams import pack_substreams
 
 Files = dict[str, tuple[bytes, QuantisedScene]]
 
@@ -101,7 +100,7 @@ def _block_faults(base: bytes) -> Iterator[Fault]:
     yield ("substream-crc", "the CRC of a sub-stream is wrong, that of the block is right", "R-7.1-5", "crc-mismatch",
            changed(base, BlockKind.TILE, 1, _wrong_crc))
     yield ("idle-substream", "a sub-stream of a kind the layer does not code", "R-7.1-4", "bad-substream-table",
-           changed(base, BlockKind.TILE, 1, _with_masks))
+           with_substream(base, 1, Stream.MASKS, replaced(bytes([1, 0, 0, 0]))))
 
 
 def _payload_faults(base: bytes) -> Iterator[Fault]:
@@ -126,10 +125,6 @@ def _wrong_crc(payload: bytes) -> bytes:
     out[table - 1] ^= 1
     out[table : table + 4] = zlib.crc32(out[:table]).to_bytes(4, "little")
     return bytes(out)
-
-
-def _with_masks(payload: bytes) -> bytes:
-    return pack_substreams({**tile_parts(payload), Stream.MASKS: bytes([1, 0, 0, 0])})
 
 
 def _larger_size(frame: bytes) -> bytes:
@@ -161,20 +156,10 @@ def _model_faults(base: bytes, anchors: bytes, small: bytes) -> Iterator[Fault]:
 def _symbol_faults(base: bytes, small: bytes) -> Iterator[Fault]:
     yield "no-table", "a group without a table", "R-8.3-3", "missing-table", without(base, BlockKind.TABLES, 1)
     yield ("stream-flipped", "a rANS stream that does not end in the empty state", "R-8.2-2", "rans-seal",
-           changed(small, BlockKind.TILE, 1, _scales(before=bytes([1, 0, 0, 0]))))
+           with_substream(small, 1, Stream.SCALE, lambda part: bytes([1, 0, 0, 0]) + part))
     yield ("last-word-zero", "the last word of a rANS stream is 0", "R-8.2-1", "rans-last-word",
-           changed(small, BlockKind.TILE, 1, _scales(after=bytes(4))))
+           with_substream(small, 1, Stream.SCALE, append(bytes(4))))
     yield "small-book", "an index without a codeword", "R-7.6-1", "bad-index", _small_book(small)
-
-
-def _scales(before: bytes = b"", after: bytes = b"") -> Callable[[bytes], bytes]:
-    """A change of a TILE block: words before those of SCALE, or after them."""
-
-    def change(payload: bytes) -> bytes:
-        parts = tile_parts(payload)
-        return pack_substreams({**parts, Stream.SCALE: before + parts[Stream.SCALE] + after})
-
-    return change
 
 
 def _small_book(data: bytes) -> bytes:

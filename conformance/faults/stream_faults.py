@@ -16,7 +16,7 @@ from conformance.scenes.cases import Case, Fault, refused
 from conformance.scenes.made import Plan, build, channel
 from conformance.scenes.neural_models import PredictorPlan
 from conformance.surgery.edit import replaced
-from conformance.surgery.files import blocks_of, layer_counts_of, rebuilt, tile_parts, vector_file
+from conformance.surgery.files import blocks_of, layer_counts_of, rebuilt, tile_parts, vector_file, with_substream
 from conformance.surgery.parts import flipped
 from scarfmt.coding.writer import QuantisedScene
 from scarfmt.container.file import Block, Tile
@@ -57,28 +57,6 @@ def stream_faults(files: Files) -> Iterator[Case]:
 # ---------------------------------------------------------------------------------------------- the TILE block
 
 
-def _with_block(data: bytes, layer: int, change: Callable[[Block], Block]) -> bytes:
-    """The file with its first TILE block of `layer` changed."""
-    blocks = blocks_of(data)
-    row = next(i for i, block in enumerate(blocks) if (block.kind, block.layer) == (BlockKind.TILE, layer))
-    made = change(blocks[row])
-    assert made.payload != blocks[row].payload
-    blocks[row] = made
-    return rebuilt(data, blocks)
-
-
-def _with_part(data: bytes, layer: int, stream: Stream, change: Callable[[bytes], bytes]) -> bytes:
-    """The file with a sub-stream of its first TILE block of `layer` changed."""
-
-    def edit(block: Block) -> Block:
-        parts = tile_parts(block.payload)
-        parts[stream] = change(parts.get(stream, b""))
-        sizes = {int(kind): len(part) for kind, part in parts.items()}
-        return replace(block, payload=pack_substreams(parts), stream_bytes=sizes)
-
-    return _with_block(data, layer, edit)
-
-
 def _framed(records: list[tuple[int, int, int]], rest: bytes, count: int | None = None) -> bytes:
     """A TILE block of any records (kind, length, CRC), its table's CRC right."""
     table = bytes([len(records) if count is None else count]) + b"".join(
@@ -92,7 +70,10 @@ def _table_faults(base: bytes) -> Iterator[Fault]:
 
     def raw(payload: Callable[[bytes], bytes]) -> bytes:
         """Whatever becomes of the block: all its bytes count as FRAMING."""
-        return _with_block(base, 1, lambda block: replace(block, payload=payload(block.payload), stream_bytes={}))
+        blocks = blocks_of(base)
+        row = next(i for i, block in enumerate(blocks) if (block.kind, block.layer) == (BlockKind.TILE, 1))
+        blocks[row] = replace(blocks[row], payload=payload(blocks[row].payload), stream_bytes={})
+        return rebuilt(base, blocks)
 
     def tile(change: Callable[[list[tuple[int, int, int]], bytes], bytes]) -> bytes:
         def edit(payload: bytes) -> bytes:
@@ -145,9 +126,9 @@ def _idle_faults(base: bytes, constant: bytes) -> Iterator[Fault]:
         yield (f"{name}-without-anchors", f"{stream.name} in a block in which no anchor appears", *rule,
                _second_block(constant, {stream: word}, 0))
     yield ("channel-without-table", "a channel that the channel table does not have", *rule,
-           _with_part(constant, 1, Stream.COLOUR, lambda _: word))
+           with_substream(constant, 1, Stream.COLOUR, lambda _: word))
     yield ("offsets-explicit", "OFFSETS in the explicit profile", *rule,
-           _with_part(base, 1, Stream.OFFSETS, lambda _: word))
+           with_substream(base, 1, Stream.OFFSETS, lambda _: word))
     yield ("anchors-without-class", "an anchor appears in a layer in which no class does", "R-7.3-1", "bad-class",
            _second_block(constant, {}, 1))
     yield ("anchors-without-class-seal", "the same, and POSITIONS, which comes first, does not end in the empty state",
@@ -171,21 +152,21 @@ def _rans_faults(data: dict[str, bytes]) -> Iterator[Fault]:
     word = bytes([1, 0, 0, 0])
     for stream in (Stream.CLASSES, Stream.SCALE, Stream.INDICES):
         yield (f"{stream.name.lower()}-unread", f"{stream.name} codes nothing, but has a word", *_SEAL,
-               _with_part(constant, 1, stream, lambda _: word))
+               with_substream(constant, 1, stream, lambda _: word))
     yield ("indices-without-stages", "INDICES in a layer in which no anchor gets a stage", *_SEAL,
-           _with_part(data["sixteen-layers"], 1, Stream.INDICES, lambda _: word))
+           with_substream(data["sixteen-layers"], 1, Stream.INDICES, lambda _: word))
     for stream, file in (
         (Stream.POSITIONS, constant), (Stream.MASKS, anchors), (Stream.OFFSETS, anchors), (Stream.LATENT, base),
     ):
         layer = 2 if stream == Stream.LATENT else 1
         yield (f"{stream.name.lower()}-word-more", f"{stream.name} has a word more than its symbols take", *_SEAL,
-               _with_part(file, layer, stream, lambda part: word + part))
+               with_substream(file, layer, stream, lambda part: word + part))
     yield ("neural-seal", "INDICES in entropy mode 1 does not end in the empty state", *_SEAL,
-           _with_part(data["index-flat"], 1, Stream.INDICES, lambda part: word + part))
+           with_substream(data["index-flat"], 1, Stream.INDICES, lambda part: word + part))
     yield ("words-missing", "a stream without its first word: the reader goes on, the end is wrong", *_SEAL,
-           _with_part(data["sh-from-network"], 1, Stream.INDICES, lambda part: part[4:]))
+           with_substream(data["sh-from-network"], 1, Stream.INDICES, lambda part: part[4:]))
     yield ("word-zero", "a stream of one word, which is 0", "R-8.2-1", "rans-last-word",
-           _with_part(constant, 1, Stream.SCALE, lambda _: bytes(4)))
+           with_substream(constant, 1, Stream.SCALE, lambda _: bytes(4)))
 
 
 def _missing_tables(data: dict[str, bytes]) -> Iterator[Fault]:
@@ -291,9 +272,9 @@ def _value_faults(data: dict[str, bytes]) -> Iterator[Fault]:
     word = bytes([1, 0, 0, 0])
     above = _with_value(data[refined], 3, classes, None, 2)
     yield ("class-above-positions", "a class that does not appear yet, after POSITIONS with a word too many", *_SEAL,
-           _with_part(above, 3, Stream.POSITIONS, lambda part: word + part))
+           with_substream(above, 3, Stream.POSITIONS, lambda part: word + part))
     yield ("class-above-seal", "a class that does not appear yet, in CLASSES with a word too many", *cls,
-           _with_part(above, 3, Stream.CLASSES, lambda part: word + part))
+           with_substream(above, 3, Stream.CLASSES, lambda part: word + part))
     yield "mask-two-later", "a mask symbol of 2 in layer 2", *mask, with_tables(data["anchors"], 2, _masks_of_two)
     late = _with_value(data[refined], 3, _of(Stream.INDICES, 1, 0, 16), None, 12)
     yield ("index-above-without-table", "an index of 12 in one context, and no table for the next of that stage",
@@ -311,7 +292,7 @@ def _rest_faults(full: bytes) -> Iterator[Fault]:
         rest.encode(np.array([1]), cached_uniform(2))
         rest.encode(np.array([low]), cached_uniform(4096))
         yield (name, f"a rest of {4096 + low} in a bin 4097 wide", *_SPLIT,
-               _with_part(one_bin, 1, Stream.POSITIONS, replaced(rest.finish())))
+               with_substream(one_bin, 1, Stream.POSITIONS, replaced(rest.finish())))
 
 
 def _masks_of_two(records: Records) -> Records:

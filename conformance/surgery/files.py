@@ -16,7 +16,7 @@ from scarfmt.coding.writer import QuantisedScene
 from scarfmt.container.bytefields import decompress
 from scarfmt.container.file import Block, HeaderFields, Tile
 from scarfmt.container.schema import BlockKind, ColourSpace, CoordinateFrame, RenderModel, Stream
-from scarfmt.container.substreams import unpack_table
+from scarfmt.container.substreams import pack_substreams, unpack_table
 
 COMPRESSED = (BlockKind.TABLES, BlockKind.DECODER_MLP, BlockKind.SCENE_MLP)
 _PLAIN = WriteOptions()
@@ -105,6 +105,16 @@ def changed(data: bytes, kind: BlockKind, layer: int, change: Callable[[bytes], 
     streams = stream_bytes(payload) if kind == BlockKind.TILE else {}
     blocks[row] = replace(old, payload=payload, count=old.count + count, stream_bytes=streams)
     return rebuilt(data, blocks)
+
+
+def with_substream(data: bytes, layer: int, stream: Stream, change: Callable[[bytes], bytes]) -> bytes:
+    """The file with a sub-stream of its first TILE block of `layer` changed; one that is not there has no bytes."""
+
+    def edit(payload: bytes) -> bytes:
+        parts = tile_parts(payload)
+        return pack_substreams({**parts, stream: change(parts.get(stream, b""))})
+
+    return changed(data, BlockKind.TILE, layer, edit)
 
 
 def stream_bytes(payload: bytes) -> dict[int, int]:
