@@ -9,7 +9,7 @@ import numpy as np
 
 from scarfmt.arrays import I64
 from scarfmt.blocks.declare import U8, Check, Record, Repeat, Rule, Scope, bits, build, count, read
-from scarfmt.blocks.spec import BlockSpec, Writing, numbers
+from scarfmt.blocks.spec import BlockSpec, Writing
 from scarfmt.container.registries import BlockKind
 from scarfmt.errors import Malformed
 from scarfmt.scene.model import MAX_CODEWORDS, MAX_LATENT, first_layers
@@ -101,6 +101,6 @@ SPEC = BlockSpec(
     taken=_taken,
     count=len,
     elements="codebooks",
-    layers=lambda model: numbers(*first_layers(model)[:2]),
+    layers=lambda model: set(first_layers(model)[:2]),
     required=True,
 )

@@ -24,7 +24,7 @@ from scarfmt.blocks.declare import (
     read,
     varint,
 )
-from scarfmt.blocks.spec import BlockSpec, numbers
+from scarfmt.blocks.spec import BlockSpec
 from scarfmt.container.registries import BlockKind
 from scarfmt.entropy.rans import FrequencyTable, RansDecoder, RansEncoder
 from scarfmt.errors import Malformed
@@ -133,5 +133,5 @@ SPEC = BlockSpec(
     taken=lambda writing: writing.parts.grid,
     count=lambda grid: len(grid.levels),
     elements="levels",
-    layers=lambda model: numbers(first_neural_layer(model)),
+    layers=lambda model: {first_neural_layer(model)},
 )

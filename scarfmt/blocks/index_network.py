@@ -27,7 +27,7 @@ from scarfmt.blocks.declare import (
     count,
     read,
 )
-from scarfmt.blocks.spec import BlockSpec, numbers
+from scarfmt.blocks.spec import BlockSpec
 from scarfmt.container.registries import BlockKind
 from scarfmt.errors import Malformed
 from scarfmt.neural.arithmetic import MAX_WEIGHT, Linear
@@ -274,6 +274,6 @@ SPEC = BlockSpec(
     taken=lambda writing: writing.parts.network,
     count=lambda network: 1,
     elements="1",
-    layers=lambda model: numbers(first_neural_layer(model)),
+    layers=lambda model: {first_neural_layer(model)},
     required=True,
 )

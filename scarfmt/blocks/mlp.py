@@ -15,11 +15,11 @@ from numpy.typing import NDArray
 
 from scarfmt.arrays import F32, F64, I16
 from scarfmt.blocks.declare import U8, Check, Record, Repeat, Rule, Scope, array, build, count, read
-from scarfmt.blocks.spec import BlockSpec, numbers
+from scarfmt.blocks.spec import BlockSpec
 from scarfmt.container.bytefields import compress, decompress
 from scarfmt.container.registries import BlockKind, Profile
 from scarfmt.errors import Malformed
-from scarfmt.scene.model import SceneModel, first_layers
+from scarfmt.scene.model import first_layers
 
 MAX_NETWORKS = 8
 MAX_LAYERS = 4
@@ -175,10 +175,6 @@ def _linear(at: Scope) -> Linear:
     return Linear(weights, at["scales"].astype(np.float32), at["biases"].astype(np.float32))
 
 
-def _scene_layers(model: SceneModel) -> frozenset[int]:
-    return frozenset({1} if model.profile == Profile.ANCHOR else ())
-
-
 DECODER_SPEC = BlockSpec(
     kind=BlockKind.DECODER_MLP,
     section="7.9",
@@ -188,7 +184,7 @@ DECODER_SPEC = BlockSpec(
     taken=lambda writing: None if writing.parts.decoder is None else (writing.parts.decoder,),
     count=len,
     elements="networks",
-    layers=lambda model: numbers(first_layers(model)[2]),
+    layers=lambda model: {first_layers(model)[2]},
     required=True,
     content_limit=MAX_MLP_BYTES,
     field="mlp",
@@ -204,7 +200,7 @@ SCENE_SPEC = BlockSpec(
     taken=lambda writing: writing.parts.scene_mlps or None,
     count=len,
     elements="networks",
-    layers=_scene_layers,
+    layers=lambda model: {1 if model.profile == Profile.ANCHOR else None},
     content_limit=MAX_MLP_BYTES,
     field="mlp",
 )

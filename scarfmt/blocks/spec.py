@@ -67,8 +67,8 @@ class BlockSpec:
         taken: the value to write in a layer where the block may stand, None for no block.
         count: value -> what the directory's `count` must be.
         elements: what that counts, as R-5.4-19 says it.
-        layers: model -> layers in which something first needs the block; it may stand nowhere else. None for kinds
-            that may stand in any layer.
+        layers: model -> layers in which something first needs the block, None for what nothing needs; it may stand
+            nowhere else. None for kinds that may stand in any layer.
         required: whether it must stand in all of these.
         content_limit: of a block that is one Zstandard frame, the most bytes its content may have; 0 for others.
         field: what errors call that content.
@@ -84,14 +84,9 @@ class BlockSpec:
     taken: Callable[[Writing], Any]
     count: Callable[[Any], int]
     elements: str
-    layers: Callable[[SceneModel], Collection[int]] | None = None
+    layers: Callable[[SceneModel], Collection[int | None]] | None = None
     required: bool = False
     content_limit: int = 0
     field: str = ""
     counted: bool = False
     parameters: Callable[[bytes, Reading], dict[str, Any]] = no_parameters
-
-
-def numbers(*layers: int | None) -> frozenset[int]:
-    """The layers, of some, that there are."""
-    return frozenset(layer for layer in layers if layer is not None)

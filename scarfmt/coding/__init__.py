@@ -3,7 +3,7 @@
     reader      a file's models, then its tiles, for some layers, tiles and streams
     writer      a quantised scene to a file
     tile        the sub-streams of one tile and layer, in their order (SPEC §7.1)
-    engine      who computes: NumPy, which is the definition, or another engine that gives the same
+    models      what belongs to no tile, from the blocks of a file
     checks_of_models, checks_of_scene   what blocks must have of one another; what a scene must be to be written
     work        how much a file asks a decoder to do, before it is done (SPEC §13.2)
 

@@ -78,7 +78,8 @@ class ModelBlocks:
     def needed(self, kind: BlockKind, model: SceneModel) -> Iterator[tuple[int, Any]]:
         """(layer, what the block holds) of each layer that first needs a block of a kind, read one after the other."""
         layers = BLOCKS[kind].layers
-        for layer in sorted(layers(model) if layers is not None else ()):
+        found = () if layers is None else layers(model)
+        for layer in sorted(layer for layer in found if layer is not None):
             yield layer, self.parsed(kind, layer)
 
     def refuse_unexpected(self, model: SceneModel) -> None:
