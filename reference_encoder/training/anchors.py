@@ -7,7 +7,8 @@ from dataclasses import dataclass
 
 import torch
 from torch import Tensor, nn
-from torch.nn import functional
+
+from reference_encoder.training.fixed_order import linear
 
 SLOTS = 10
 NETWORKS = ("opacity", "cov", "color")
@@ -158,7 +159,7 @@ class SceneNetworks(nn.Module):
 def _linear(layer: nn.Module, inputs: Tensor, bits: int | None) -> Tensor:
     assert isinstance(layer, nn.Linear)
     weight = layer.weight if bits is None else _stored(layer.weight, bits)
-    return functional.linear(inputs, weight, layer.bias)
+    return linear(inputs, weight, layer.bias)
 
 
 def _stored(weight: Tensor, bits: int) -> Tensor:

@@ -37,9 +37,9 @@ def reproducible(device: torch.device) -> Iterator[None]:
     """While it lasts, torch computes the same bits from the same numbers, or raises RuntimeError where it cannot.
 
     Sums over indices would otherwise be by atomics, in any order: on CUDA, and on the processor those of many values.
-    Bits of small products depend on the number of threads, which a run sets and keeps.
+    What would depend on the number of threads is in :mod:`.fixed_order`.
     """
-    before, threads = torch.get_deterministic_debug_mode(), torch.get_num_threads()
+    before = torch.get_deterministic_debug_mode()
     filled = deterministic.fill_uninitialized_memory  # type: ignore[attr-defined]
     if device.type != "cpu":
         # Some versions of torch refuse to multiply matrices without it; cuBLAS reads it once.
@@ -50,7 +50,6 @@ def reproducible(device: torch.device) -> Iterator[None]:
     try:
         yield
     finally:
-        torch.set_num_threads(threads)
         torch.set_deterministic_debug_mode(before)
         deterministic.fill_uninitialized_memory = filled  # type: ignore[attr-defined]
 

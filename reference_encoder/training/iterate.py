@@ -5,6 +5,7 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
+from reference_encoder.training.fixed_order import mean
 from reference_encoder.training.neural_gaussians import expand
 from reference_encoder.training.photo_store import View
 from reference_encoder.training.presets import Moment
@@ -46,7 +47,7 @@ def iterate(
     gaussians, owners, slots = expand(values, state.networks, eye, bits_a_weight)
     picture = rasterise(gaussians, camera, background)
     loss = dissimilarity(picture.image, view.photo(state.device))
-    total = loss + _VOLUME_WEIGHT * gaussians.scales.prod(dim=1).mean()
+    total = loss + _VOLUME_WEIGHT * mean(gaussians.scales.prod(dim=1))
     if state.vectors is not None and state.vectors.loss is not None:
         total = total + state.vectors.loss
     bits = None

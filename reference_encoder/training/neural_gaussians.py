@@ -8,6 +8,7 @@ import torch
 from torch import Tensor
 
 from reference_encoder.training.anchors import SLOTS, SceneNetworks, network_inputs
+from reference_encoder.training.fixed_order import sigmoid
 from reference_encoder.training.raster import Gaussians
 from scarfmt.render.camera import Camera
 from scarfmt.render.native.binding import FRUSTUM_MARGIN, MIN_ALPHA
@@ -67,13 +68,13 @@ def expand(
     flat = rows * SLOTS + slots
     # Not by [rows]: several slots of an anchor add to one gradient, and index_select is the faster way to add them up.
     covariance = networks.run("cov", inputs, bits).reshape(-1, 7).index_select(0, flat)
-    colour = torch.sigmoid(networks.run("color", inputs, bits).reshape(-1, 3).index_select(0, flat))
+    colour = sigmoid(networks.run("color", inputs, bits).reshape(-1, 3).index_select(0, flat))
     sizes = torch.exp(values.scaling).index_select(0, rows)
     offsets = values.offsets.reshape(-1, 3).index_select(0, flat)
     centres = values.positions.index_select(0, rows) + offsets * sizes[:, :3]
     gaussians = Gaussians(
         centres=centres,
-        scales=sizes[:, 3:] * torch.sigmoid(covariance[:, :3]),
+        scales=sizes[:, 3:] * sigmoid(covariance[:, :3]),
         rotations=covariance[:, 3:],
         opacities=opacity.reshape(-1).index_select(0, flat),
         colours=colour,

@@ -18,9 +18,10 @@ from collections.abc import Iterator
 
 import torch
 from torch import nn
-from torch.nn.functional import embedding, l1_loss, mse_loss
+from torch.nn.functional import embedding
 
 from reference_encoder.training.codebook import Codebook
+from reference_encoder.training.fixed_order import LayerNorm, Linear, mean, product_over_rows, sum_over_rows, total
 from reference_encoder.tuning import LEARNED_DECAY, RVQ_PRIOR_USES
 
 _COMMITMENT = 0.25
@@ -147,15 +148,16 @@ class Quantiser(nn.Module):
         encoder, decoder = self.projector[0], self.decoder[0]
         assert isinstance(encoder, nn.Linear)
         assert isinstance(decoder, nn.Linear)
-        mean = (weight @ f) / weight.sum()
-        centred = f - mean
-        axes = torch.linalg.eigh((centred * weight[:, None]).T @ centred)[1].flip(1)[:, : encoder.out_features]
+        centre = sum_over_rows(f * weight[:, None]) / total(weight)
+        centred = f - centre
+        covariance = product_over_rows(centred * weight[:, None], centred)
+        axes = torch.linalg.eigh(covariance)[1].flip(1)[:, : encoder.out_features]
         # An eigenvector has no sign of its own.
         axes = axes * axes.gather(0, axes.abs().argmax(0, keepdim=True)).sign()
         encoder.weight.copy_(axes.T)
-        encoder.bias.copy_(-(mean @ axes))
+        encoder.bias.copy_(-(centre @ axes))
         decoder.weight.copy_(axes)
-        decoder.bias.copy_(mean)
+        decoder.bias.copy_(centre)
 
     def _warm_up(self, f: torch.Tensor, weight: torch.Tensor) -> None:
         optimiser = torch.optim.Adam(self.network_parameters(), lr=_WARM_RATE)
@@ -163,7 +165,7 @@ class Quantiser(nn.Module):
         for _ in range(_WARM_STEPS):
             drawn = torch.multinomial(chances, batch_size, replacement=True, generator=self._generator)
             batch = f[drawn.to(f.device)]
-            loss = l1_loss(self.decode(self.project(batch)), batch)
+            loss = mean((self.decode(self.project(batch)) - batch).abs())
             optimiser.zero_grad()
             loss.backward()  # type: ignore[no-untyped-call]
             optimiser.step()
@@ -228,8 +230,8 @@ class Quantiser(nn.Module):
         """
         words = self.look_up(indices, stages)
         features = self.decode(rotation_trick(encoded, words.detach()) + (words - words.detach()))
-        commitment = mse_loss(encoded, self.look_up(indices).detach())
-        return features, l1_loss(features, f.detach()) + _COMMITMENT * commitment
+        commitment = mean((encoded - self.look_up(indices).detach()).square())
+        return features, mean((features - f.detach()).abs()) + _COMMITMENT * commitment
 
     @torch.no_grad()
     def update(self, z: torch.Tensor, indices: torch.Tensor) -> None:
@@ -268,7 +270,7 @@ def _usable(weight: torch.Tensor) -> torch.Tensor:
 
 def _networks(dimension: int, features: int, linear: bool) -> tuple[nn.Sequential, nn.Sequential]:
     if linear:
-        return nn.Sequential(nn.Linear(features, dimension)), nn.Sequential(nn.Linear(dimension, features))
-    hidden = [nn.Linear(features, features), nn.ReLU()]
-    projector = nn.Sequential(*hidden, nn.Linear(features, dimension), nn.LayerNorm(dimension))
-    return projector, nn.Sequential(nn.Linear(dimension, features), nn.ReLU(), nn.Linear(features, features))
+        return nn.Sequential(Linear(features, dimension)), nn.Sequential(Linear(dimension, features))
+    hidden = [Linear(features, features), nn.ReLU()]
+    projector = nn.Sequential(*hidden, Linear(features, dimension), LayerNorm(dimension))
+    return projector, nn.Sequential(Linear(dimension, features), nn.ReLU(), Linear(features, features))

@@ -21,6 +21,7 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 from reference_encoder.training.anchors import SLOTS, distinct
+from reference_encoder.training.fixed_order import Linear, linear, sum_over_rows, total
 from reference_encoder.tuning import CONTEXT
 
 OCCUPANCIES = CONTEXT.occupancies
@@ -36,7 +37,7 @@ def neighbour_means(lattice: Tensor, values: Tensor) -> Tensor:
         lattice: (N, 3) int64 lattice points of the anchors.
     """
     parts = []
-    overall = values.mean(dim=0)
+    overall = sum_over_rows(values) / len(values)
     for occupancy in OCCUPANCIES:
         cells = find_cells(lattice, occupancy)
         counts = torch.bincount(cells).float()
@@ -99,8 +100,8 @@ class Context(nn.Module):
         # Layers draw their first weights from torch's global generator.
         with torch.random.fork_rng(devices=[]):
             torch.manual_seed(seed)
-            self.hidden = nn.Linear(columns(width), _UNITS)
-        self.output = nn.Linear(_UNITS, 2 * width)
+            self.hidden = Linear(columns(width), _UNITS)
+        self.output = Linear(_UNITS, 2 * width)
         nn.init.zeros_(self.output.weight)
         nn.init.zeros_(self.output.bias)
         self.mean = nn.Parameter(torch.zeros(width, width))
@@ -118,7 +119,7 @@ class Context(nn.Module):
     @torch.no_grad()
     def start(self, values: Tensor, offsets: Tensor) -> None:
         """From (n, 6 + d) values and (m, 3) offsets that are on: independent components of these moments."""
-        self.centre.copy_(values.mean(dim=0))
+        self.centre.copy_(sum_over_rows(values) / len(values))
         self.scale.copy_(values.std(dim=0).clamp_min(_LEAST_WIDTH))
         for parameter in (self.mean, self.mean_bias, self.spread, self.output.weight, self.output.bias):
             parameter.zero_()
@@ -139,8 +140,8 @@ class Context(nn.Module):
         """
         x, w = self.shown(values), widths / self.scale
         known = x.detach()
-        mean = functional.linear(known, self.mean * self.earlier, self.mean_bias)
-        spread = functional.linear(known.abs(), self.spread * self.earlier, self.spread_bias)
+        mean = linear(known, self.mean * self.earlier, self.mean_bias)
+        spread = linear(known.abs(), self.spread * self.earlier, self.spread_bias)
         if around is not None:
             by_mean, by_spread = self.output(torch.relu(self.hidden(around))).chunk(2, dim=1)
             mean, spread = mean + by_mean, spread + by_spread
@@ -181,7 +182,7 @@ def layer_bits(context: Context, priced: Priced, index_bits: float = 0.0) -> Ten
     present = priced.shown.any(dim=1)
     bits = context.bits(priced.values, priced.widths, priced.around) * present[:, None]
     on = priced.shown.flatten().nonzero()[:, 0]
-    slot_bits = context.offset_bits(priced.offsets.reshape(-1, 3).index_select(0, on), priced.offset_widths).sum()
+    slot_bits = total(context.offset_bits(priced.offsets.reshape(-1, 3).index_select(0, on), priced.offset_widths))
     positions = (POSITION_BITS + CLOSED_BITS * SLOTS) * present.sum()
-    latent = bits[:, 6:].sum() + index_bits * present.sum()
-    return positions + MASK_BITS * priced.shown.sum() + bits[:, :6].sum() + latent + slot_bits
+    latent = total(bits[:, 6:]) + index_bits * present.sum()
+    return positions + MASK_BITS * priced.shown.sum() + total(bits[:, :6]) + latent + slot_bits

@@ -55,7 +55,6 @@ from scarfmt.coding.writer import write_scene
 from scarfmt.container.file import Container
 from scarfmt.container.source import BytesSource
 from scarfmt.errors import InputWarning, plural
-from scarfmt.threads import count_threads
 
 VOXEL = 0.5
 """Edge of a voxel, as a share of the median distance of a starting point to its nearest neighbours."""
@@ -139,20 +138,16 @@ def _vq_features(preset: Preset, layers: int, seed: int, device: torch.device) -
     return VqFeatures(quantiser.to(device), by_layer, priced=not preset.paper)
 
 
-_KEPT = ("threads", "psnr", "best", "bytes", "loss")
+_KEPT = ("psnr", "best", "bytes", "loss")
 """What a checkpoint has of a run."""
 
 
 class Run:
-    """A training that goes on: its trainer, its budget, what it has found so far.
-
-    A run keeps its number of threads, also over an interruption, whatever else in the process changes it.
-    """
+    """A training that goes on: its trainer, its budget, what it has found so far."""
 
     def __init__(self, capture: Capture, options: TrainOptions, report: Report, folder: Path | None) -> None:
         self.report = report
         self.budget = Budget(options, capture.seconds)
-        self.threads = count_threads()
         with one_thread():  # so that a run is taken up on the same lattice, whatever its number of threads
             self.trainer = make_trainer(capture, options, folder)
         self.held_out = store_photos(capture.test, folder)
@@ -181,7 +176,6 @@ class Run:
         done = self.budget.done(self.trainer.iteration)
         if done >= 1:
             return False
-        torch.set_num_threads(self.threads)
         loss = self.trainer.step(done)
         self.loss = loss if math.isnan(self.loss) else _MEMORY * self.loss + (1 - _MEMORY) * loss
         self.report(self.progress())
@@ -264,7 +258,6 @@ class Run:
         Args:
             keep: called with a file of the same scene, somewhat larger, before what takes longest begins.
         """
-        torch.set_num_threads(self.threads)
         trainer, budget = self.trainer, self.budget
         trainer.finish()
         count = trainer.state.plan.count

@@ -15,6 +15,7 @@ import torch
 from torch import Tensor
 from torch.nn import functional
 
+from reference_encoder.training.fixed_order import mean
 from reference_encoder.training.raster.compiled import on_threads
 from scarfmt.render.native.binding import load
 
@@ -141,5 +142,5 @@ def ssim(picture: Tensor, photo: Tensor) -> float:
 def psnr(picture: Tensor, photo: Tensor) -> float:
     """PSNR in dB of an (H, W, 3) picture rounded to 8 bits."""
     shown = torch.round(picture.clamp(0, 1) * 255) / 255
-    error = ((shown - intensities(photo)) ** 2).double().mean()
+    error = mean(((shown - intensities(photo)) ** 2).double())
     return float(-10 * torch.log10(error))

@@ -15,6 +15,7 @@ import torch
 from torch import Tensor
 
 from reference_encoder.training.anchors import SLOTS
+from reference_encoder.training.fixed_order import mean, total
 from reference_encoder.training.neural_gaussians import expand
 from reference_encoder.training.photo_store import View
 from reference_encoder.training.raster import rasterise
@@ -52,13 +53,13 @@ class SlotImportance:
 
     def bits(self, layer: int, shown: Tensor) -> float:
         """Bits of a layer that shows these (N, K) slots."""
-        slots = (self.slot_bits * shown).sum(dtype=torch.float64)
-        return float(slots + (self.anchor_bits[layer] * shown.any(dim=1)).sum(dtype=torch.float64))
+        slots = total((self.slot_bits * shown).double())
+        return float(slots + total((self.anchor_bits[layer] * shown.any(dim=1)).double()))
 
     def price_of(self, layer: int, bits: float, allowed: Tensor) -> float:
         """The price at which a layer takes so many bits, if only (N, K) `allowed` slots are shown."""
         low, high = math.log(_LEAST), math.log(_MOST)
-        scale = float(self.benefit.mean()) / float(self.slot_bits.mean()) + 1e-30
+        scale = float(mean(self.benefit)) / float(mean(self.slot_bits)) + 1e-30
         for _ in range(_BISECTIONS):
             middle = (low + high) / 2
             taken = self.bits(layer, self.shown(layer, math.exp(middle) * scale) & allowed)
@@ -86,12 +87,12 @@ def measure_importance(state: State, views: Sequence[View], background: Tensor) 
         opacities = gaussians.opacities.detach().requires_grad_()
         image = rasterise(replace(gaussians, opacities=opacities), camera, background).image
         signs = torch.randint(0, 2, image.shape, generator=state.generator).to(image.device) * 2.0 - 1.0
-        (image * signs).sum().backward()  # type: ignore[no-untyped-call]
+        image.backward(signs)  # type: ignore[no-untyped-call]
         if opacities.grad is not None:
             flat = rows[owners] * SLOTS + slots
             seen.energy.view(-1)[flat] += (opacities.grad * opacities.detach()) ** 2 / image.numel()
         losses += float(dissimilarity(image.detach(), photo))
-        errors += float(((image.detach() - intensities(photo)) ** 2).mean())
+        errors += float(mean((image.detach() - intensities(photo)) ** 2))
     # L1 and 1 - SSIM grow like the root of the squared error.
     slope = losses / (2 * max(errors, 1e-12))
     seen.looked += len(views)

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from torch import Tensor, nn
 
 from reference_encoder.training.codebook import rank_codewords
+from reference_encoder.training.fixed_order import mean, product_over_rows
 from reference_encoder.training.optimizer import moments, restore_moments
 from reference_encoder.training.presets import Moment
 from reference_encoder.training.quantiser import Quantiser
@@ -129,12 +130,12 @@ def principal_axes(layers: Layers, z: F32) -> tuple[F64, F64]:
     draws = torch.rand(METRIC_VECTORS, dtype=torch.float64, generator=torch.Generator().manual_seed(0))
     drawn = (draws * len(z)).long().clamp_max(len(z) - 1)
     slopes = _slopes(layers, torch.from_numpy(z)[drawn]).double()
-    metric = torch.einsum("nij,nik->jk", slopes, slopes).numpy() / len(drawn)
+    metric = product_over_rows(slopes.flatten(0, 1), slopes.flatten(0, 1)).numpy() / len(drawn)
     gains, axes = np.linalg.eigh(metric)
     saved = gains > max(float(gains.max()), 1e-300) * LEAST_GAIN
     gains, axes = np.sqrt(gains[saved]), axes[:, saved]
-    spread = z @ (axes * gains)
-    turn = np.linalg.eigh(spread.T @ spread)[1][:, ::-1]
+    spread = torch.from_numpy(z @ (axes * gains))
+    turn = np.linalg.eigh(product_over_rows(spread, spread).numpy())[1][:, ::-1]
     return (axes * gains) @ turn, turn.T @ (axes / gains).T
 
 
@@ -258,7 +259,7 @@ class VqFeatures:
         encoded, indices = self._seen
         if len(indices):
             left = encoded - self.quantiser.look_up(indices).detach()
-            self.distortion = _MEMORY * self.distortion + (1 - _MEMORY) * float(left.square().sum(dim=1).mean())
+            self.distortion = _MEMORY * self.distortion + (1 - _MEMORY) * float(mean(left.square().sum(dim=1)))
             self.quantiser.update(encoded, indices)
         self.loss = self._seen = None
 

@@ -1,6 +1,5 @@
 """Training end to end on a tiny capture: the file is what was learnt, whatever interrupts."""
 
-from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 
@@ -133,20 +132,15 @@ def test_a_file_says_what_was_held_out_and_whether_it_converged(
     assert train(capture, options).converged
 
 
-def test_a_run_keeps_its_number_of_threads(capture: Capture, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Whatever else in the process sets torch's, as numba does: bits of small products depend on it."""
-    seen: list[int] = []
-
-    def meddle(_progress: object) -> None:
-        seen.append(torch.get_num_threads())
-        torch.set_num_threads(1)
-
-    for number in (2, 3):
-        monkeypatch.setenv("OMP_NUM_THREADS", str(number))
-        with suppress(Suspended):
-            train(capture, replace(OPTIONS, iterations=8, layers=1), tmp_path, meddle, leave=After(4))
-    assert seen == [2] * 8
-    assert torch.get_num_threads() == 1
+@pytest.mark.parametrize("preset", list(PRESETS))
+def test_the_same_file_with_any_number_of_threads(capture: Capture, preset: str) -> None:
+    """Also of more anchors than torch sums up by one thread."""
+    points = np.random.default_rng(0).normal(size=(6000, 3)) * 0.4
+    many, files = replace(capture, points=points), []
+    for threads in (1, 2, 4):
+        torch.set_num_threads(threads)
+        files.append(train(many, replace(OPTIONS, iterations=12, layers=2, preset=preset)).data)
+    assert files[0] == files[1] == files[2]
 
 
 def test_pictures_beside_their_photos_are_told_once_and_in_the_log(
