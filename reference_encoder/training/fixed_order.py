@@ -22,9 +22,11 @@ _ONES = 4
 def product_over_rows(a: Tensor, b: Tensor) -> Tensor:
     """(p, q) product of the transpose of (n, p) `a` with (n, q) `b`; p and q are more than 1."""
     whole = len(a) // _ROWS * _ROWS
+    rest = a[whole:].T @ b[whole:]
+    if not whole:
+        return rest
     parts = a[:whole].reshape(-1, _ROWS, a.shape[1]).transpose(1, 2) @ b[:whole].reshape(-1, _ROWS, b.shape[1])
-    # A sum along a row is one thread's.
-    return parts.flatten(1).T.contiguous().sum(1).view(parts.shape[1:]) + a[whole:].T @ b[whole:]
+    return sum_over_rows(parts.flatten(1)).view_as(rest) + rest
 
 
 def sum_over_rows(values: Tensor) -> Tensor:
@@ -90,8 +92,8 @@ class _Sigmoid(torch.autograd.Function):
 
     @staticmethod
     def backward(ctx: Any, towards: Tensor) -> Tensor:
-        y: Tensor = ctx.saved_tensors[0]
-        return towards * (y * (1 - y))
+        gradient: Tensor = torch.ops.aten.sigmoid_backward(towards, *ctx.saved_tensors)
+        return gradient
 
 
 def sigmoid(x: Tensor) -> Tensor:
