@@ -106,14 +106,13 @@ def requested(request: DecodeRequest | None, fields: dict[str, Any]) -> DecodeRe
 def decode(
     source: Origin, request: DecodeRequest | None = None, *, counters: Counters | None = None, **fields: Any
 ) -> Decoded:
-    """Decode a file, or what is asked of it, into memory. Of a URL only the bytes needed are transferred.
+    """Decode a file, or what is asked of it. Of a URL only the bytes needed are transferred.
 
     Args:
         source: a path, a URL, bytes, or an open :class:`ByteSource`, which stays open.
         request: what to decode; None for what `fields` say, and without them for everything.
         counters: what was read and decoded is added to them.
-        fields: those of :class:`DecodeRequest`, in place of one: layers, tiles, box, attributes, limits, threads,
-            allow_truncated, native.
+        fields: those of :class:`DecodeRequest`, in place of one.
 
     Returns:
         The exact values; `scene` makes of them a :class:`GaussianScene`, or an :class:`AnchorModel`.
@@ -147,9 +146,9 @@ def iter_tiles(
 def decode_scene(
     source: Origin, request: DecodeRequest | None = None, *, counters: Counters | None = None, **fields: Any
 ) -> GaussianScene | AnchorModel:
-    """The scene of a file: the `scene` of :func:`decode` within the tolerances of SPEC §9.5, without its exact values.
+    """The `scene` of :func:`decode`, within the tolerances of SPEC §9.5, in half the memory and time.
 
-    Half the memory and the time. Arguments and errors of :func:`decode`; all attributes are needed.
+    Arguments and errors are those of :func:`decode`; all attributes are needed.
 
     Returns:
         Gaussians, or in the anchor profile a model that makes them for a camera.
