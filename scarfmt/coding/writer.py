@@ -164,6 +164,8 @@ def _check(scene: QuantisedScene) -> None:
         raise InvalidInput("input-container", f"the file would break a rule: {error}") from error
     if len(scene.tiles) != len(scene.contents):
         raise InvalidInput("input-container", "one content per tile is needed", field="contents")
+    if scene.scene_mlps and scene.fields.profile != Profile.ANCHOR:
+        raise InvalidInput("input-container", "only the anchor profile has networks of its own", field="scene_mlps")
     check_books(scene.model, scene.codebooks)
     for tile, content in zip(scene.tiles, scene.contents, strict=True):
         check_content(scene.model, scene.codebooks, local_bits(scene.fields, tile), content)

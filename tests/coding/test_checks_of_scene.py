@@ -125,3 +125,8 @@ def test_models_no_reader_would_accept_are_not_written() -> None:
     refuses(replace(SCENE, scene_mlps=SCENE.scene_mlps[:2]), "bad-mlp")
     bad = Linear(np.ones((1, 1), np.int16), np.array([np.inf], np.float32), np.zeros(1, np.float32))
     refuses(replace(SCENE, scene_mlps=(QuantisedMlp((bad,)), *SCENE.scene_mlps[1:])), "bad-mlp")
+
+
+def test_networks_of_the_anchor_profile_are_not_left_out_in_silence() -> None:
+    """A block that the profile has no place for would not be written."""
+    refuses(replace(random_scene(3, Profile.EXPLICIT), scene_mlps=SCENE.scene_mlps), "anchor profile")
