@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property, partial
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -39,7 +39,6 @@ from scarfmt.neural.grid import HashGrid
 from scarfmt.neural.network import IndexNetwork
 from scarfmt.neural.predictors import Predictor
 from scarfmt.scene.model import Codebooks, SceneModel
-from scarfmt.threads import map_threads
 
 Report = Callable[[str, float], None]
 Histogram = Mapping[TableKey, tuple[I64, I64]]
@@ -215,17 +214,10 @@ def code_blocks(scene: QuantisedScene, report: Report = silent) -> list[Block]:
         sent = fitted_tables(counter.histograms(), known)
         known = StaticTables({**known, **sent})
         blocks += model_blocks(scene, layer, sent)
-        coded = map_threads(partial(_tile_block, layer, known), enumerate(recorded))
+        coded = (each.block(layer, tile, known) for tile, each in enumerate(recorded))
         blocks += [block for block in coded if block is not None]
     report("code", 1.0)
     return blocks
-
-
-def _tile_block(
-    layer: int, tables: Mapping[TableKey, SymbolTable], numbered: tuple[int, RecordedTile]
-) -> Block | None:
-    tile, recorded = numbered
-    return recorded.block(layer, tile, tables)
 
 
 def layer_counts(scene: QuantisedScene) -> list[tuple[int, int]]:
