@@ -229,6 +229,13 @@ INLINE void find_colours(const Scene *g, const Lens *l, const int64_t *rows, uin
     }
 }
 
+/* Asks for the harmonics of LANES of the Gaussians `found`: from memory, they take longer than all else of a splat. */
+INLINE void fetch_harmonics(const Scene *g, const int32_t *found, int64_t first, int64_t count) {
+    int64_t floats = 3 * g->coefficients;
+    for (int64_t k = first; k < first + LANES && k < count; k++)
+        for (int64_t at = 0; at < floats; at += 16) __builtin_prefetch(g->harmonics + floats * found[k] + at);
+}
+
 /* Fills numbers, splats and entries of those of the Gaussians `found` that show. Returns how many. */
 WIDE static int64_t find_splats(const Scene *g, const Lens *l, const int32_t *found, int64_t count, uint64_t *entries,
                                 Splat *splats, int32_t *numbers) {
@@ -238,6 +245,7 @@ WIDE static int64_t find_splats(const Scene *g, const Lens *l, const int32_t *fo
         Group some;
         V e[7] = {0};
         int here = fill_rows(k, count, rows);
+        if (!g->colours) fetch_harmonics(g, found, k + 2 * LANES, count);
         for (int j = 0; j < LANES; j++) rows[j] = found[rows[j]];
         look_at(g, l, rows, &some);
         uint32_t seen = signs(see(l, &some, gather(g->opacities, 1, rows), e)) & ((1u << here) - 1);
