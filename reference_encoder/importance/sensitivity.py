@@ -9,7 +9,6 @@ model.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -42,35 +41,27 @@ class Sensitivity:
         return Sensitivity(channels, self.colour[index], self.absence[index])
 
 
-class Weighed(Protocol):
-    """The weights of N Gaussians, in the form of :class:`reference_encoder.importance.weights.Weights`."""
-
-    @property
-    def shape(self) -> NDArray[np.floating]: ...
-    @property
-    def colour(self) -> NDArray[np.floating]: ...
-    @property
-    def pixel(self) -> F32: ...
-
-
-def measure_sensitivity(attributes: Attributes, weights: Weighed) -> Sensitivity:
-    """Sensitivities of all N Gaussians that weigh so much."""
-    shape, colour = weights.shape.astype(np.float64), weights.colour.astype(np.float64) * SH_C0**2
+def measure_sensitivity(
+    attributes: Attributes, shape: NDArray[np.floating], colour: NDArray[np.floating], pixel: F32
+) -> Sensitivity:
+    """Sensitivities of all N Gaussians, from their (N,) weights (:mod:`reference_encoder.importance.weights`) and the
+    (N,) width of a pixel at each, world units."""
+    shapes, colours = shape.astype(np.float64), colour.astype(np.float64) * SH_C0**2
     variance = np.exp(2 * np.clip(attributes.log_scales, -40, 40))
-    blurred = variance + BLUR_PX2 * (weights.pixel.astype(np.float64) ** 2)[:, None]
+    blurred = variance + BLUR_PX2 * (pixel.astype(np.float64) ** 2)[:, None]
     visible = variance / blurred
 
     def aspect(a: int, b: int) -> F64:
         ratio = (blurred[:, a] - blurred[:, b]) ** 2 / (blurred[:, a] * blurred[:, b])
         return np.minimum(ratio, ASPECT_CAP)
 
-    swing, twist = shape * aspect(0, 2), shape * aspect(0, 1)
+    swing, twist = shapes * aspect(0, 2), shapes * aspect(0, 1)
     channels = {
-        Stream.POSITION_RESIDUAL: np.repeat((shape / blurred[:, 1])[:, None], 3, axis=1),
-        Stream.SCALE: shape[:, None] * visible * SCALE_SHARE,
+        Stream.POSITION_RESIDUAL: np.repeat((shapes / blurred[:, 1])[:, None], 3, axis=1),
+        Stream.SCALE: shapes[:, None] * visible * SCALE_SHARE,
         Stream.ROTATION: np.stack([swing, swing, twist], axis=1),
-        Stream.OPACITY: (shape * OPACITY_SHARE)[:, None],
+        Stream.OPACITY: (shapes * OPACITY_SHARE)[:, None],
         # dc = (Y - G + O, Y + G, Y - G - O): squared column norms 3, 3, 2.
-        Stream.COLOUR: colour[:, None] * np.array([3.0, 3.0, 2.0]),
+        Stream.COLOUR: colours[:, None] * np.array([3.0, 3.0, 2.0]),
     }
-    return Sensitivity(channels, colour, shape * GAUSSIAN_ABSENCE)
+    return Sensitivity(channels, colours, shapes * GAUSSIAN_ABSENCE)

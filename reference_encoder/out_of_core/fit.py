@@ -109,7 +109,7 @@ def apply(
         A range of which nothing is worth sending has no tiles.
     """
     attributes = visible_attributes(scene, measured.pixel)
-    seen = measure_sensitivity(attributes, measured)
+    seen = measure_sensitivity(attributes, measured.shape, measured.colour, measured.pixel)
     every = fit.classes.classify(ranked(seen, fit.lambda_, fit.shift, overview.bounds.sh_degree))
     left_out, invisible = every < 0, measured.largest < INVISIBLE_WEIGHT
     gone = int((left_out & invisible).sum()), int((left_out & ~invisible).sum())

@@ -63,7 +63,8 @@ def prepare_sample(overview: Overview, samples: Sequence[Sample]) -> Prepared:
     """Collect what is fitted to, from the samples of all ranges."""
     scene, measured = concatenate_samples(samples)
     attributes = visible_attributes(scene, measured.pixel)
-    return attributes, measure_sensitivity(attributes, measured), overview.bounds.count / len(scene)
+    seen = measure_sensitivity(attributes, measured.shape, measured.colour, measured.pixel)
+    return attributes, seen, overview.bounds.count / len(scene)
 
 
 def fit_sample(overview: Overview, sample: Prepared, quality: float) -> Fit:

@@ -80,8 +80,9 @@ class ExplicitProfile:
         else:
             weights = weigh_draft(scene, views)
         attributes = visible_attributes(scene, weights.pixel)
+        sensitivity = measure_sensitivity(attributes, weights.shape, weights.colour, weights.pixel)
         options = replace(options, frame=views.up.up)
-        return cls(scene, attributes, views, weights, measure_sensitivity(attributes, weights), options, report)
+        return cls(scene, attributes, views, weights, sensitivity, options, report)
 
     def judge(self, view_set: ViewSet) -> Judge[GaussianScene]:
         """Pictures of the source from views of a set, drawn now."""

@@ -122,18 +122,18 @@ class LayerCosts:
 
     def bits(self, choice: LayerChoice) -> float:
         """Bits up to a layer."""
-        each = self._offer(choice.lambda_, choice.latent).bits
+        each = self._offer(choice.lambda_, choice.latent)[1]
         return float(self.model_bits * choice.latent + np.dot(choice.parts, each[: choice.shown]))
 
     def error(self, choice: LayerChoice) -> float:
         """Predicted squared picture error of a layer that shows whole classes."""
-        left = self._offer(choice.lambda_, choice.latent).error[: choice.shown]
+        left = self._offer(choice.lambda_, choice.latent)[0][: choice.shown]
         return float(left.sum() + self.absence[choice.shown :].sum())
 
     def pays(self, lambda_: float) -> NDArray[np.bool_]:
         """(classes,) whether each is predicted to be worth its bits at `lambda_`."""
-        offer = self._offer(lambda_, True)
-        return np.asarray(offer.error + lambda_ * offer.bits < self.absence)
+        error, bits = self._offer(lambda_, True)
+        return np.asarray(error + lambda_ * bits < self.absence)
 
     def affords_latents(self, share: float) -> bool:
         """Whether the models that latents need leave most of that share of the bits to the scene."""
@@ -162,24 +162,16 @@ class LayerCosts:
         return StepChoices.of(self.curves)
 
     @cached_property
-    def _offers(self) -> dict[tuple[float, bool], _Offer]:
+    def _offers(self) -> dict[tuple[float, bool], tuple[F64, F64]]:
         return {}
 
-    def _offer(self, lambda_: float, latent: bool) -> _Offer:
-        """What classes cost at a lambda, looked up once."""
+    def _offer(self, lambda_: float, latent: bool) -> tuple[F64, F64]:
+        """(classes,) error left at a lambda, and bits taken, positions and labels among them; looked up once."""
         key = lambda_, latent
         if key not in self._offers:
             _, error, bits = self._choices.at(lambda_, self.last, latent)
-            self._offers[key] = _Offer(error, bits + self.presence_bits(lambda_))
+            self._offers[key] = error, bits + self.presence_bits(lambda_)
         return self._offers[key]
-
-
-@dataclass(frozen=True)
-class _Offer:
-    """(classes,) error left, and bits taken, positions and labels among them."""
-
-    error: F64
-    bits: F64
 
 
 def predict_later_layers(first: LayerChoice, costs: LayerCosts, layers: int) -> list[LayerChoice]:

@@ -13,6 +13,7 @@ import numpy as np
 import torch
 from torch import nn
 
+from reference_encoder.training.fixed_order import one_thread
 from reference_encoder.tuning import KMEANS_ROUNDS, LEARNED_DECAY, LEARNED_STALE_SHARE
 from scarfmt.arrays import F32, I16, I64
 
@@ -39,6 +40,7 @@ class Codebook(nn.Module):
         return len(self.words)
 
     @torch.no_grad()
+    @one_thread()
     def nearest(self, x: torch.Tensor, prices: torch.Tensor | None = None) -> torch.Tensor:
         """(m,) int64 codes of least |x - e|^2 + price, the first of equals.
 

@@ -1,46 +1,48 @@
-"""Sums in an order that does not depend on the number of threads: a run has the same bits with any.
+"""What is computed the same with any number of threads: products of matrices, and sums over many rows.
 
-Torch shares a sum over many rows among its threads, also inside a product of matrices, and computes the last few
-sigmoids of each thread's share by another formula. What is here instead takes :data:`_ROWS` rows at a time, too few
-to be shared, and adds their sums up in their order. All else that an iteration computes has the same bits anyway
-(docs/decisions/0061).
+Torch shares them among its threads, and what a thread's share ends with is added up in another order: how depends on
+the processor. Sigmoids that a share ends with have another formula. So products and sums are one thread's here. All
+else that an iteration computes has the same bits anyway (docs/decisions/0061).
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import Any, cast
 
 import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
-_ROWS = 256
-_ONES = 4
-"""Columns of ones that sum up rows: a product with a single column is one with a vector, which threads share."""
+
+@contextmanager
+def one_thread() -> Iterator[None]:
+    """Torch on one thread."""
+    threads = torch.get_num_threads()
+    torch.set_num_threads(1)
+    try:
+        yield
+    finally:
+        torch.set_num_threads(threads)
 
 
+@one_thread()
 def product_over_rows(a: Tensor, b: Tensor) -> Tensor:
-    """(p, q) product of the transpose of (n, p) `a` with (n, q) `b`; p and q are more than 1."""
-    whole = len(a) // _ROWS * _ROWS
-    rest = a[whole:].T @ b[whole:]
-    if not whole:
-        return rest
-    parts = a[:whole].reshape(-1, _ROWS, a.shape[1]).transpose(1, 2) @ b[:whole].reshape(-1, _ROWS, b.shape[1])
-    return sum_over_rows(parts.flatten(1)).view_as(rest) + rest
+    """(p, q) product of the transpose of (n, p) `a` with (n, q) `b`."""
+    return a.T @ b
 
 
+@one_thread()
 def sum_over_rows(values: Tensor) -> Tensor:
-    """(c,) sums of the (n, c) `values`, c more than 1; without gradient."""
-    return product_over_rows(values.new_ones(len(values), _ONES), values)[0]
+    """(c,) sums of the (n, c) `values`."""
+    return values.sum(dim=0)
 
 
+@one_thread()
 def total(values: Tensor) -> Tensor:
     """The sum of all numbers, with a gradient."""
-    flat = values.flatten()
-    if len(flat) < _ROWS:
-        return flat.sum()
-    whole = len(flat) // _ROWS * _ROWS
-    return total(flat[:whole].view(-1, _ROWS).sum(1)) + flat[whole:].sum()
+    return values.sum()
 
 
 def mean(values: Tensor) -> Tensor:
@@ -50,11 +52,13 @@ def mean(values: Tensor) -> Tensor:
 
 class _Linear(torch.autograd.Function):
     @staticmethod
+    @one_thread()
     def forward(ctx: Any, inputs: Tensor, weight: Tensor, bias: Tensor) -> Tensor:
         ctx.save_for_backward(inputs, weight)
         return functional.linear(inputs, weight, bias)
 
     @staticmethod
+    @one_thread()
     def backward(ctx: Any, towards: Tensor) -> tuple[Tensor | None, Tensor, Tensor]:
         inputs, weight = ctx.saved_tensors
         to_inputs = towards @ weight if ctx.needs_input_grad[0] else None

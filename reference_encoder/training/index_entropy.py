@@ -20,6 +20,7 @@ from typing import Any
 import numpy as np
 import torch
 
+from reference_encoder.training.fixed_order import one_thread
 from reference_encoder.training.networks.dataset import IndexRows, arrange_scene, describe_inputs, index_rows
 from reference_encoder.training.networks.grid import BinaryGrid, fit_box, hybrid_levels, wave_grid
 from reference_encoder.training.networks.index_training import (
@@ -27,7 +28,6 @@ from reference_encoder.training.networks.index_training import (
     IndexOptimizer,
     build,
     last_epochs,
-    one_thread,
     train,
 )
 from reference_encoder.training.networks.layers import NetworkShape, shape_for

@@ -8,7 +8,7 @@ import torch
 from torch import Tensor
 
 from reference_encoder.training.anchors import SLOTS, SceneNetworks, network_inputs
-from reference_encoder.training.fixed_order import sigmoid
+from reference_encoder.training.fixed_order import one_thread, sigmoid
 from reference_encoder.training.raster import Gaussians
 from scarfmt.render.camera import Camera
 from scarfmt.render.native.binding import FRUSTUM_MARGIN, MIN_ALPHA
@@ -36,6 +36,7 @@ class AnchorValues:
 
 
 @torch.no_grad()
+@one_thread()
 def in_view(positions: Tensor, scaling: Tensor, offsets: Tensor, camera: Camera) -> Tensor:
     """(V,) int64 rising: anchors a slot of which may be seen by a camera, by a sphere round all of its slots."""
     pose = torch.from_numpy(camera.world_to_camera).to(positions)

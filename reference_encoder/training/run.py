@@ -24,9 +24,9 @@ from reference_encoder.training.capture import Capture
 from reference_encoder.training.densification import AnchorStatistics
 from reference_encoder.training.device import reproducible, run_device
 from reference_encoder.training.evaluate import draw, quality
+from reference_encoder.training.fixed_order import one_thread
 from reference_encoder.training.index_entropy import JointIndexModel
 from reference_encoder.training.layers import LayerPlan
-from reference_encoder.training.networks.index_training import one_thread
 from reference_encoder.training.options import (
     FINISHING,
     LayerQuality,

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from torch import Tensor, nn
 
 from reference_encoder.training.codebook import rank_codewords
-from reference_encoder.training.fixed_order import mean, product_over_rows
+from reference_encoder.training.fixed_order import mean, one_thread, product_over_rows
 from reference_encoder.training.optimizer import moments, restore_moments
 from reference_encoder.training.presets import Moment
 from reference_encoder.training.quantiser import Quantiser
@@ -139,6 +139,7 @@ def principal_axes(layers: Layers, z: F32) -> tuple[F64, F64]:
     return (axes * gains) @ turn, turn.T @ (axes / gains).T
 
 
+@one_thread()
 def _slopes(layers: Layers, z: torch.Tensor) -> torch.Tensor:
     """(n, D, d) Jacobians of a decoder at (n, d) `z`."""
     (weights, biases), *others = [(torch.from_numpy(w).float(), torch.from_numpy(b).float()) for w, b in layers]

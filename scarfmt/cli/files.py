@@ -6,7 +6,7 @@ import codecs
 import re
 import sys
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, BinaryIO
 
@@ -117,21 +117,14 @@ def open_output(name: str, force: bool) -> Iterator[BinaryIO]:
         yield file
 
 
-class _Free(Exception):
-    """The output could be written."""
-
-
 def check_output(name: str, force: bool) -> None:
     """Refuse an output name before long work, by the rules of :func:`open_output`. No file is left behind.
 
     Raises:
         InvalidInput: ``output-exists``, ``output-path``, or ``output-stream`` when standard output is closed.
     """
-    try:
-        with open_output(name, force):
-            raise _Free
-    except _Free:
-        return
+    with suppress(EOFError), open_output(name, force):
+        raise EOFError  # what is written up to an error leaves no file
 
 
 def check_stdout() -> None:

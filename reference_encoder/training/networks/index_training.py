@@ -6,13 +6,13 @@ of a scene there is no overfitting that this sum does not show. Same rows, optio
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
 
+from reference_encoder.training.fixed_order import one_thread
 from reference_encoder.training.networks.dataset import IndexRows, code_uses
 from reference_encoder.training.networks.grid import BinaryGrid
 from reference_encoder.training.networks.layers import NetworkShape
@@ -157,17 +157,6 @@ def train(
             if _converged(history, epochs, epoch):
                 break
     return history
-
-
-@contextmanager
-def one_thread() -> Iterator[None]:
-    """Torch on one thread: results of training do not depend on how many there are."""
-    threads = torch.get_num_threads()
-    torch.set_num_threads(1)
-    try:
-        yield
-    finally:
-        torch.set_num_threads(threads)
 
 
 def _network_bits(model: IndexModel, grid: BinaryGrid | None) -> torch.Tensor:

@@ -6,6 +6,7 @@ and a table as the function it samples: the straight-through estimator.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, cast
@@ -82,16 +83,6 @@ TOTAL = 1 << 24
 """Sum of the frequencies of a symbol (SPEC §8.1)."""
 
 
-class _Round(torch.autograd.Function):
-    @staticmethod
-    def forward(_ctx: Any, x: torch.Tensor) -> torch.Tensor:
-        return torch.floor(x + 0.5)
-
-    @staticmethod
-    def backward(_ctx: Any, grad: torch.Tensor) -> torch.Tensor:
-        return grad
-
-
 @compiled
 def _shift_and_clamp(x: F32, scale: np.float32, low: np.float32, high: np.float32, out: F32, free: Bools) -> None:
     """Fill `out` with round(x * scale), clamped, and `free` with where the clamp did nothing."""
@@ -145,7 +136,7 @@ class _Table(torch.autograd.Function):
 
 def rounded(x: torch.Tensor) -> torch.Tensor:
     """floor(x + 1/2)."""
-    return cast(torch.Tensor, _Round.apply(x))  # type: ignore[no-untyped-call]
+    return shift_and_clamp(x, 0, -math.inf, math.inf)
 
 
 def round_shift(x: torch.Tensor, shift: int) -> torch.Tensor:

@@ -49,7 +49,8 @@ def seen_from(scene: GaussianScene, cameras: list[Camera]) -> Sensitivity:
     """Sensitivities from some views, without the floor."""
     weights = weigh_scene(scene, SurveyViews({"orbit": cameras}, {"orbit": 1.0}, 1.0, Upright("-y")))
     nothing = np.zeros(len(scene), np.float32)
-    return measure_sensitivity(from_scene(scene), replace(weights, floor=KindWeights(nothing, nothing)))
+    weights = replace(weights, floor=KindWeights(nothing, nothing))
+    return measure_sensitivity(from_scene(scene), weights.shape, weights.colour, weights.pixel)
 
 
 def measured(scene: GaussianScene, other: GaussianScene, cameras: list[Camera]) -> float:
