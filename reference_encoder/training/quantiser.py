@@ -65,8 +65,9 @@ class Quantiser(nn.Module):
         features: D.
         stages: M, 1..8.
         codewords: of either book, 2..4096, codeword 0 being the zero vector.
-        linear: a linear projector and decoder, which measure best (decision 0005); else a hidden layer on both sides,
-            and LayerNorm after the projector (paper §3.6).
+        linear: a linear projector and decoder, and gradients straight through the quantiser, which measure best
+            (decisions 0005 and 0054); else a hidden layer on both sides, LayerNorm after the projector and the
+            rotation trick (paper §3.3, §3.6).
         seed: of everything random.
     """
 
@@ -218,7 +219,7 @@ class Quantiser(nn.Module):
     def forward(
         self, f: torch.Tensor, encoded: torch.Tensor, indices: torch.Tensor, stages: int
     ) -> tuple[torch.Tensor, torch.Tensor]:
-        """(n, D) features of the first `stages`, with the gradient of :func:`rotation_trick`, and the paper's loss.
+        """(n, D) features of the first `stages`, with a gradient towards `encoded` and open books; the paper's loss.
 
         The loss (paper §3.5) is L1(f, f_q) + commitment * |z_e - sg(e)|^2. Its first f has no gradient: given
         `encoded` of detached features, it reaches only projector, decoder and open books.
@@ -229,7 +230,9 @@ class Quantiser(nn.Module):
             indices: (n, M) codewords.
         """
         words = self.look_up(indices, stages)
-        features = self.decode(rotation_trick(encoded, words.detach()) + (words - words.detach()))
+        straight = words.detach() + (encoded - encoded.detach())
+        through = straight if self.linear else rotation_trick(encoded, words.detach())
+        features = self.decode(through + (words - words.detach()))
         commitment = mean((encoded - self.look_up(indices).detach()).square())
         return features, mean((features - f.detach()).abs()) + _COMMITMENT * commitment
 

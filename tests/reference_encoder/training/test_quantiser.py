@@ -100,13 +100,15 @@ def test_sums_are_of_the_stages_asked_for() -> None:
     assert not per_anchor[0].any()
 
 
-def test_the_gradient_is_that_of_the_rotation_trick() -> None:
+@pytest.mark.parametrize("linear", [True, False])
+def test_the_gradient_goes_straight_through_or_is_that_of_the_rotation_trick(linear: bool) -> None:
     """By its definition (paper §3.3), through the sum of codewords; none reaches closed books."""
-    quantiser, f = _started()
+    quantiser, f = _started(linear=linear)
     x = f[:20].clone().requires_grad_(True)
     features, _, _, indices = _quantised(quantiser, x, 2)
     (slope,) = torch.autograd.grad(features.square().sum(), x)
-    expected = quantiser.decode(rotation_trick(quantiser.project(x), quantiser.look_up(indices, 2)))
+    z, words = quantiser.project(x), quantiser.look_up(indices, 2)
+    expected = quantiser.decode(z + (words - z).detach() if linear else rotation_trick(z, words))
     torch.testing.assert_close(slope, torch.autograd.grad(expected.square().sum(), x)[0])
     assert not quantiser.book(0).words.requires_grad
 
