@@ -85,14 +85,10 @@ export class Directory implements Front {
     return this.isOpen(this.numbers.tilePage(this.pageOf(tile)));
   }
 
-  /** Whether it is known what block a tile has in a layer. */
-  hasRow(tile: number, layer: number): boolean {
-    return this.isOpen(this.numbers.rowPage(layer, this.pageOf(tile)));
-  }
-
   /** Whether a tile is known to have no block in a layer. */
   hasNoBlock(tile: number, layer: number): boolean {
-    return this.hasRow(tile, layer) && this.entries.length[this.numbers.tileBlock(tile, layer)] === 0;
+    const row = this.numbers.rowPage(layer, this.pageOf(tile));
+    return this.isOpen(row) && this.entries.length[this.numbers.tileBlock(tile, layer)] === 0;
   }
 
   pageOf(tile: number): number {

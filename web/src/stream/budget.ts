@@ -43,6 +43,7 @@ export function evictionOrder(ideal: Step[], have: Uint8Array, goal: Uint8Array)
   return candidates.sort((a, b) => Math.sign(goal[a]) - Math.sign(goal[b]) || compare(place[b], place[a]) || b - a);
 }
 
-function compare(a: number, b: number): number {
+/** The order of two numbers, infinite ones among them. */
+export function compare(a: number, b: number): number {
   return a === b ? 0 : a < b ? -1 : 1;
 }

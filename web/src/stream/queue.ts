@@ -1,6 +1,7 @@
 /** Tiles for which decoders have something to do, in the order of the plan. */
 
 import type { Step } from "../plan/types.js";
+import { compare } from "./budget.js";
 
 export class Queue {
   readonly #tiles = new Set<number>();
@@ -53,8 +54,4 @@ export class Queue {
   #place(tile: number, layer: number): number {
     return layer > this.layers ? Infinity : this.#places[tile * this.layers + layer - 1];
   }
-}
-
-function compare(a: number, b: number): number {
-  return a === b ? 0 : a < b ? -1 : 1;
 }

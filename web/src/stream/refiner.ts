@@ -117,7 +117,9 @@ export class Refiner {
   start(): void {
     const { source, pool } = this.parts;
     const { front, bytes, body, rest, position, end } = this.parts.opened;
+    this.transfers.alone = true;
     void pool.open(bytes).then((failure) => {
+      this.transfers.alone = false;
       if (failure !== null && !this.#closed) this.#fatal(failure);
     });
     const isNeeded = (e: number) => {

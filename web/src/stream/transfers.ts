@@ -57,6 +57,8 @@ export class Transfers {
   #waiting = false;
   #stopped = false;
   #held = false;
+  /** Whether decoders are under way, too: beside one request they have more of the connection than beside several. */
+  alone = false;
   #wake: (() => void) | null = null;
 
   constructor(
@@ -154,8 +156,9 @@ export class Transfers {
     if (this.#stopped || this.#waiting || this.#held) return;
     const whole = this.source.ranged === false;
     const sizes = requestSizes(this.meter.capacity, this.meter.delay);
+    if (this.alone) sizes.most = sizes.underWay;
     for (;;) {
-      if (this.#running.size >= (whole ? 1 : MOST_PARALLEL)) return;
+      if (this.#running.size >= (whole ? 1 : this.alone ? 2 : MOST_PARALLEL)) return;
       if (this.#running.size > 0 && this.underWay >= sizes.underWay) return;
       if (this.#idle().next().done === true) return;
       this.#start(whole ? this.#wholeFile() : this.#withGaps(nextRequest(this.#idle(), this.front.entries, sizes)));
