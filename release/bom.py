@@ -99,7 +99,7 @@ def _required(wheel: Path) -> list[Entry]:
         needed = re.split(r"[\s<>=!~\[;]", line)[0].lower()
         scope = "optional" if "extra ==" in line else "required"
         scopes[needed] = "required" if "required" in (scope, scopes.get(needed)) else scope
-    del scopes[metadata["Name"]]
+    scopes.pop(metadata["Name"], None)  # an extra may bring another one
     return [
         {"type": "library", "bom-ref": f"pkg:pypi/{name}", "name": name, "scope": scope, "purl": f"pkg:pypi/{name}"}
         for name, scope in sorted(scopes.items())

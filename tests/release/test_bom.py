@@ -31,11 +31,11 @@ BUNDLED = [
 ]
 
 
-def _released(out: Path, dependencies: Mapping[str, str]) -> Tree:
+def _released(out: Path, dependencies: Mapping[str, str], metadata: str = METADATA) -> Tree:
     """The artefacts that a bill is written from, and a tree of that version."""
     with zipfile.ZipFile(out / "scarfmt-1.2.3-py3-none-any.whl", "w") as wheel:
         wheel.writestr(COMPONENTS, json.dumps(BUNDLED))
-        wheel.writestr("scarfmt-1.2.3.dist-info/METADATA", METADATA)
+        wheel.writestr("scarfmt-1.2.3.dist-info/METADATA", metadata)
     described = json.dumps({"name": "scar-stream", "dependencies": dependencies}).encode()
     with tarfile.open(out / "scar-stream-1.2.3.tgz", "w:gz") as package:
         entry = tarfile.TarInfo("package/package.json")
@@ -55,6 +55,12 @@ def test_a_bill_has_what_is_bundled_and_what_is_required(tmp_path: Path) -> None
     assert npm["purl"] == "pkg:npm/scar-stream@1.2.3"
     assert [(one["name"], one["scope"]) for one in required] == [("numpy", "required"), ("pillow", "optional")]
     assert bill["metadata"]["timestamp"] == "2023-11-14T22:13:20Z"
+
+
+def test_extras_need_not_bring_each_other(tmp_path: Path) -> None:
+    alone = METADATA[: METADATA.index("Requires-Dist: scarfmt")]
+    bill = json.loads(write_bill(_released(tmp_path, {}, alone), tmp_path).read_text())
+    assert [one["name"] for one in bill["components"][2:]] == ["numpy", "pillow"]
 
 
 def test_a_dependency_of_the_npm_package_is_not_forgotten(tmp_path: Path) -> None:
