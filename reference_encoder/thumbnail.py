@@ -16,7 +16,6 @@ from scarfmt.arrays import F32
 from scarfmt.container.file import Block
 from scarfmt.container.schema import BlockKind
 from scarfmt.render.camera import Camera
-from scarfmt.render.images import to_bytes
 
 
 def thumbnail_blocks(view: Callable[[Camera], F32], camera: Camera, blocks: Sequence[Block]) -> list[Block]:
@@ -36,6 +35,8 @@ def draw_thumbnail(view: Callable[[Camera], F32], camera: Camera, most: int) -> 
     """A WebP file of at most `most` bytes, the widest that still looks good; None if none is as small."""
     try:
         from PIL import Image, features
+
+        from scarfmt.render.images import to_bytes
     except ImportError:
         return None
     if not features.check("webp"):

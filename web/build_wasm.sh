@@ -4,16 +4,16 @@
 set -eu
 
 native=$(cd "$(dirname "$0")/../scarfmt/native" && pwd)
-sources=
+out=$1
+set --
 for file in "$native"/*.c "$native"/wasm/*.c; do
     # Without those of the Python library alone.
-    case $(basename "$file") in products_avx* | scene.c | work.c | write.c) ;; *) sources="$sources $file" ;; esac
+    case $(basename "$file") in products_avx* | scene.c | work.c | write.c) ;; *) set -- "$@" "$file" ;; esac
 done
-# shellcheck disable=SC2086
 exports=$(sed -n 's/^EXPORT .*\(scar_[a-z_]*\)(.*/-Wl,--export=\1/p' "$native/scar.h" "$native"/wasm/*.c)
 # Zig checks for undefined behaviour unless told not to. Running over the stack traps, since Zig lays it first.
 # shellcheck disable=SC2086
 "${PYTHON:-python3}" -m ziglang cc --target=wasm32-freestanding -std=c11 -Os -msimd128 -mbulk-memory -ffreestanding -nostdlib \
     -fno-strict-aliasing -fwrapv -ffp-contract=off -fno-sanitize=undefined -fno-stack-protector -Wall -Wextra \
-    -ffile-prefix-map="$native"=. -I"$native/wasm/include" -I"$native" $sources -s -Wl,--no-entry $exports \
-    -Wl,--export=__stack_pointer -Wl,-z,stack-size=1048576 -o "$1"
+    -ffile-prefix-map="$native"=. -I"$native/wasm/include" -I"$native" "$@" -s -Wl,--no-entry $exports \
+    -Wl,--export=__stack_pointer -Wl,-z,stack-size=1048576 -o "$out"

@@ -1,4 +1,4 @@
-"""The bytes of a file depend neither on torch nor, but for last bits, on BLAS."""
+"""The bytes of a file depend neither on torch and Pillow nor, but for last bits, on BLAS."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ CHILD = """
 import json, sys
 from pathlib import Path
 if sys.argv[1] == "without torch":
-    sys.modules["torch"] = None
+    sys.modules["torch"] = sys.modules["PIL"] = None
 import numpy as np
 from reference_encoder.encode import EncodeOptions, encode
 from scarfmt.formats import load
@@ -46,8 +46,8 @@ def _encoded_elsewhere(folder: Path, cases: Cases, torch: str = "with torch", **
     return {name: (folder / name).read_bytes() for name in cases}
 
 
-def test_explicit_scenes_need_no_torch(tmp_path: Path) -> None:
-    """A part of the example scene at efforts 1 and 2: the same file with and without torch."""
+def test_explicit_scenes_need_neither_torch_nor_pillow(tmp_path: Path) -> None:
+    """A part of the example scene at efforts 1 and 2: the same file with and without both, too small for a thumbnail."""
     whole = load(EXAMPLE)
     assert isinstance(whole, GaussianScene)
     scene = whole.take(np.arange(0, len(whole), EVERY))
