@@ -47,7 +47,7 @@ def _encoded_elsewhere(folder: Path, cases: Cases, torch: str = "with torch", **
 
 
 def test_explicit_scenes_need_neither_torch_nor_pillow(tmp_path: Path) -> None:
-    """A part of the example scene at efforts 1 and 2: the same file with and without both, too small for a thumbnail."""
+    """A part of the example scene at efforts 1 and 2: one file with and without, too small for a thumbnail."""
     whole = load(EXAMPLE)
     assert isinstance(whole, GaussianScene)
     scene = whole.take(np.arange(0, len(whole), EVERY))
