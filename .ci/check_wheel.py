@@ -19,6 +19,7 @@ STRANGERS = ("/tests/", "/testing/", "/benchmarks/", "/fuzz/", ".c", ".h", ".pyc
 """Parts of names that have no business in a wheel."""
 GLIBC = (2, 29)
 """Version of glibc in manylinux_2_29, the tag in the name of the wheel."""
+LIBC = {"libc.so.6", "libm.so.6", "ld-linux-x86-64.so.2"}
 LIBRARIES = {"scarfmt/native/native.so", "scarfmt/render/native/native.so"}
 
 
@@ -62,7 +63,7 @@ def _check_library(data: bytes) -> list[str]:
     versions = {tuple(map(int, found.split("."))) for found in re.findall(r"GLIBC_([\d.]+)", shown)}
     needed = set(re.findall(r"NEEDED\s+(\S+)", shown))
     wrong = [f"needs GLIBC {version}" for version in versions if version > GLIBC]
-    wrong += [f"needs {name}" for name in needed - {"libc.so.6", "libm.so.6"}]
+    wrong += [f"needs {name}" for name in needed - LIBC]
     if ".debug_info" in shown:
         wrong.append("holds debug information")
     return wrong
