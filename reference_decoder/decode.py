@@ -29,7 +29,7 @@ from scarfmt.limits import DEFAULT_LIMITS, FREE_WORK, Limits
 from scarfmt.native.binding import library
 from scarfmt.native.file import NativeFile, NativeTile
 from scarfmt.scene.description import Description
-from scarfmt.scene.gaussians import AnchorModel, GaussianScene
+from scarfmt.scene.gaussians import AnchorModel, GaussianScene, allocate_scene
 from scarfmt.scene.streams import ATTRIBUTES
 from scarfmt.threads import map_threads
 
@@ -259,9 +259,8 @@ class Decoding:
             InvalidInput: ``input-attributes``: some are left out.
         """
         check_attributes(self.attributes, ATTRIBUTES)
-        coefficients = (self.reader.header.fields.sh_degree + 1) ** 2
-        rows = [np.empty((count, *shape), np.float32) for shape in ((3,), (4,), (), (coefficients, 3))]
-        return GaussianScene(np.empty((count, 3)), *rows, description=Description.of_header(self.reader.header.fields))
+        fields = self.reader.header.fields
+        return allocate_scene(count, fields.sh_degree, Description.of_header(fields))
 
     def whole(self, room: Callable[[int], M]) -> M:
         """All that was asked for, each number written once, where it stays.

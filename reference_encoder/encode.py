@@ -166,9 +166,11 @@ class Encoder:
     def run(self) -> Trial:
         """The trial that is as good as asked, layers in place."""
         trial = RateControl.for_options(self.profile.options).converge(self.trial, self._psnr_db)
-        if self._previews:
-            trial = self._allocate(self._layer_by_pictures(trial.problem, trial.curves))
-        return trial
+        if not self._previews:
+            return trial
+        problem, curves = trial.problem, trial.curves
+        del trial  # its integers are as large as the scene
+        return self._allocate(self._layer_by_pictures(problem, curves))
 
     def trial(self, target: float) -> Trial:
         """The decision for a target, dB: layers by rule, or one that pictures will divide."""
@@ -198,6 +200,7 @@ class Encoder:
         costs = price_layers(problem, curves)
         metric = self._metric(problem, curves, FIRST_VIEWS, FIRST_CAP_DB)
         first = find_first_layer(costs, metric, asked, problem.base_share)
+        del metric  # a metric holds a copy of all values
         problem, curves = split_classes(problem, curves, first.parts)
         metric = self._metric(problem, curves, LATER_VIEWS, asked)
         choices = find_later_layers(price_layers(problem, curves), metric, first.without_parts, layers)

@@ -85,7 +85,7 @@ def from_scene(scene: GaussianScene) -> Attributes:
         np.concatenate([square, twist[:, None]], axis=1),
         log_opacity[:, None],
         colour_from_spherical_harmonics(scene.sh[:, 0]),
-        np.ascontiguousarray(scene.sh[:, 1:].reshape(len(scene), -1)),
+        scene.sh.reshape(len(scene), -1)[:, 3:],
     )
 
 

@@ -67,17 +67,19 @@ class RateControl:
         trial = make(self.start)
         if not self.corrections:
             return trial
-        tried, trials = [(self.start, measure(trial))], [trial]
+        tried = [(self.start, measure(trial))]
         for _ in range(self.corrections):
-            better = next_target(self.asked, tried, self.start)
-            if better is None:
+            target = next_target(self.asked, tried, self.start)
+            if target is None:
                 break
-            trial = make(better)
             if abs(self.asked - tried[-1][1]) <= self.sure:
-                return trial
-            tried.append((better, measure(trial)))
-            trials.append(trial)
-        return trials[int(np.argmin([abs(found - self.asked) for _, found in tried]))]
+                del trial  # as large as the scene, and not needed any more
+                return make(target)
+            other = make(target)
+            tried.append((target, measure(other)))
+            if np.argmin([abs(found - self.asked) for _, found in tried]) == len(tried) - 1:
+                trial = other
+        return trial
 
 
 def next_target(asked: float, tried: Sequence[tuple[float, float]], start: float) -> float | None:

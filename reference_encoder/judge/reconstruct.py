@@ -19,26 +19,41 @@ from reference_encoder.rdo.curves import RdCurve
 from reference_encoder.rdo.rdo_input import RdoInput
 from scarfmt.arrays import F32, F64, I64
 from scarfmt.codecs.channels import cell_widths
+from scarfmt.coding.tile import TileContent
 from scarfmt.coding.writer import QuantisedScene
+from scarfmt.container.directory import Tile
 from scarfmt.container.schema import Stream
 from scarfmt.scene.description import Description
-from scarfmt.scene.gaussians import AnchorModel, GaussianScene
+from scarfmt.scene.gaussians import AnchorModel, GaussianScene, allocate_scene
 from scarfmt.scene.model import Lattice
+
+_ROWS = 16384
+"""Anchors of a class at a time."""
 
 
 def reconstruct_gaussians(scene: QuantisedScene) -> GaussianScene:
     """The Gaussians of the last layer of an explicit file, in file order."""
-    at, values, codewords = _values(scene)
-    fields = scene.fields
-    return explicit_scene(at, values, fields.sh_degree, scene.decoder, codewords, Description.of_header(fields))
+    described, degree = Description.of_header(scene.fields), scene.fields.sh_degree
+    made = allocate_scene(sum(map(len, scene.contents)), degree, described)
+    first = 0
+    for tile, content in zip(scene.tiles, scene.contents, strict=True):
+        at, values, codewords = _tile_values(scene, tile, content)
+        rows = made.rows(slice(first, first + len(content)))
+        rows.assign(explicit_scene(at, values, degree, scene.decoder, codewords, described))
+        first += len(content)
+    return made
 
 
 def reconstruct_anchors(scene: QuantisedScene) -> AnchorModel:
     """The model of the last layer of an anchor file, in file order."""
-    at, values, codewords = _values(scene)
     assert scene.decoder is not None
+    tiles = zip(scene.tiles, scene.contents, strict=True)
+    at, values, codewords = zip(*(_tile_values(scene, tile, content) for tile, content in tiles), strict=True)
+    channels = {stream: np.concatenate([each[stream] for each in values]) for stream in values[0]}
+    indices, stages = (np.concatenate([each[part] for each in codewords]) for part in (1, 2))
     slots = np.concatenate([content.slot_layers > 0 for content in scene.contents])
-    return anchor_model(at, values, slots, scene.decoder, scene.scene_mlps, codewords)
+    chosen = scene.codebooks, indices, stages
+    return anchor_model(np.concatenate(at), channels, slots, scene.decoder, scene.scene_mlps, chosen)
 
 
 @dataclass(frozen=True)
@@ -73,7 +88,7 @@ class PreviewScene:
         order = np.lexsort((rank, classes.of))
         bounds = np.searchsorted(classes.of[order], np.arange(classes.count + 1))
         corners = problem.positions - placement.residual * placement.cell[:, None]
-        values = {curve.stream: problem.values[curve.stream][order].astype(np.float32) for curve in curves}
+        values = {curve.stream: problem.values[curve.stream].astype(np.float32)[order] for curve in curves}
         return cls(problem, curves, bounds, rank[order], corners[order], placement.cell[order], values)
 
     def reconstruct(self, steps: Sequence[Sequence[int]], parts: Sequence[float] | None = None) -> GaussianScene:
@@ -84,15 +99,25 @@ class PreviewScene:
             parts: of each of these classes, what is there; None for all of them.
         """
         here = [self._slice(number, part) for number, part in enumerate([1.0] * len(steps) if parts is None else parts)]
-        received, values = np.array(steps), {}
-        for index, curve in enumerate(self.curves):
-            if received[:, index].any():
-                widths = cell_widths(curve.step, received[:, index]).astype(np.float32)
-                values[curve.stream] = _round_slices(self.values[curve.stream], here, widths)
-        at = np.concatenate([self.corners[rows] for rows in here])
+        total = sum(rows.stop - rows.start for rows in here)
+        made, first = allocate_scene(total, self.problem.sh_degree, self.problem.description), 0
+        for received, rows in zip(np.array(steps), here, strict=True):
+            for start in range(rows.start, rows.stop, _ROWS):
+                part = self._rows(received, slice(start, min(start + _ROWS, rows.stop)))
+                made.rows(slice(first, first + len(part))).assign(part)
+                first += len(part)
+        return made
+
+    def _rows(self, received: I64, rows: slice) -> GaussianScene:
+        """Some anchors of a class that has received so many steps of each channel, values simply rounded."""
+        values = {Stream.SCALE: np.zeros((rows.stop - rows.start, 3), np.float32)}
+        for curve, steps in zip(self.curves, received, strict=True):
+            if steps:
+                width = cell_widths(curve.step, steps).astype(np.float32)
+                values[curve.stream] = np.rint(self.values[curve.stream][rows] * (1 / width)) * width
+        at = self.corners[rows]
         if Stream.POSITION_RESIDUAL in values:
-            at += values[Stream.POSITION_RESIDUAL] * np.concatenate([self.cell[rows] for rows in here])[:, None]
-        values.setdefault(Stream.SCALE, np.zeros((len(at), 3), np.float32))
+            at = at + values[Stream.POSITION_RESIDUAL] * self.cell[rows, None]
         decoder = self.problem.decoder if Stream.LATENT in values else None
         nothing = None, np.zeros((len(at), 0), np.int64), np.zeros(len(at), np.int64)
         return explicit_scene(at, values, self.problem.sh_degree, decoder, nothing, self.problem.description)
@@ -103,27 +128,9 @@ class PreviewScene:
         return slice(first, first + int(np.searchsorted(self.rank[first:past], part)))
 
 
-def _values(scene: QuantisedScene) -> tuple[F64, dict[Stream, F32], Codewords]:
-    """(N, 3) positions, (N, components) of every channel, and the codewords of all anchors."""
+def _tile_values(scene: QuantisedScene, tile: Tile, content: TileContent) -> tuple[F64, dict[Stream, F32], Codewords]:
+    """(n, 3) positions, (n, components) of every channel, and the codewords of a tile's anchors."""
     lattice = Lattice(scene.fields.origin, scene.fields.voxel, scene.fields.lattice_bits)
-    model, contents = scene.model, scene.contents
-    parts = [channel_arrays(model, content) for content in contents]
-    values = {channel.stream: np.concatenate([part[channel.stream] for part in parts]) for channel in model.channels}
-    places = zip(scene.tiles, contents, strict=True)
-    at = [positions(lattice, tile, content.codes, residuals(model, content)) for tile, content in places]
-    indices = np.concatenate([content.indices for content in contents])
-    stages = model.stages(len(model.layers), np.concatenate([content.classes for content in contents]))
-    return np.concatenate(at), values, (scene.codebooks, indices, stages)
-
-
-def _round_slices(true: F32, slices: Sequence[slice], widths: F32) -> F32:
-    """(n, components) the rows of some classes, rounded to multiples of their (classes, components) widths; 0 for 0."""
-    rounded = np.empty((sum(rows.stop - rows.start for rows in slices), true.shape[1]), np.float32)
-    first = 0
-    for rows, width in zip(slices, widths, strict=True):
-        part = rounded[first : first + rows.stop - rows.start]
-        per = np.divide(1, width, out=np.zeros_like(width), where=width > 0)
-        np.rint(np.multiply(true[rows], per, out=part), out=part)
-        part *= width
-        first += len(part)
-    return rounded
+    at = positions(lattice, tile, content.codes, residuals(scene.model, content))
+    stages = scene.model.stages(len(scene.model.layers), content.classes)
+    return at, channel_arrays(scene.model, content), (scene.codebooks, content.indices, stages)

@@ -47,7 +47,7 @@ class LatentFit:
 
     def of(self, attributes: Attributes, seen: Sensitivity) -> Latent:
         """The latents of some Gaussians, in the basis of the whole scene."""
-        values = attributes.rest.astype(np.float64) @ self.projection
+        values = (attributes.rest @ self.projection).astype(np.float32)
         return Latent(values, seen.colour * REST_SHARE * self.unit**2, self.decoder, self.projection)
 
 

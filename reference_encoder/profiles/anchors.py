@@ -145,7 +145,7 @@ class AnchorProfile:
         kept = self._keep(problem.lambda_)
         model, offsets = kept.with_offsets(allocation.model)
         slot_layers = kept.slot_layers(model, allocation.lambdas)
-        integers = {**allocation.integers, Stream.OFFSETS: offsets * (slot_layers > 0)[:, :, None]}
+        integers = {**allocation.integers, Stream.OFFSETS: (offsets * (slot_layers > 0)[:, :, None]).astype(np.int32)}
         mlps = tuple(_quantise_mlp(self.model.mlps[name]) for name in NETWORKS)
         allocation = replace(allocation, model=model, integers=integers)
         return assemble_scene(problem, allocation, self.options.metadata, mlps, slot_layers)

@@ -35,7 +35,7 @@ from reference_encoder.tuning import (
     REST_SHARE,
     SHAPE_SHARE,
 )
-from scarfmt.arrays import F64, I64
+from scarfmt.arrays import F64, I64, Floats
 from scarfmt.coding.writer import QuantisedScene, Report, silent
 from scarfmt.container import schema
 from scarfmt.container.schema import Stream
@@ -176,9 +176,10 @@ def wanted_step(seen: Sensitivity, lambda_: float) -> F64:
 
 def gaussian_channels(
     attributes: Attributes, seen: Sensitivity, placement: Placement, latent: Latent | None
-) -> tuple[dict[Stream, F64], dict[Stream, F64], dict[Stream, tuple[float, ...]]]:
+) -> tuple[dict[Stream, Floats], dict[Stream, F64], dict[Stream, tuple[float, ...]]]:
     """Values, weights and coarsest steps of the channels of Gaussians that lie there, in coding order."""
-    values = {Stream.POSITION_RESIDUAL: placement.residual, **{s: attributes.channel(s) for s in _CHANNELS}}
+    values: dict[Stream, Floats] = {Stream.POSITION_RESIDUAL: placement.residual}
+    values |= {stream: attributes.channel(stream) for stream in _CHANNELS}
     weights = {stream: SHAPE_SHARE.get(stream, 1.0) * s for stream, s in seen.channels.items()}
     weights[Stream.POSITION_RESIDUAL] = weights[Stream.POSITION_RESIDUAL] * (placement.cell**2)[:, None]
     coarsest = dict(GAUSSIAN_COARSEST)

@@ -11,7 +11,7 @@ from reference_encoder.rdo.curves import RdCurve
 from reference_encoder.rdo.layers import LayerChoice, price_layers
 from reference_encoder.rdo.rdo_input import RdoInput
 from reference_encoder.rdo.rounding import round_values
-from scarfmt.arrays import F64, I64
+from scarfmt.arrays import F64, I32, I64, Floats
 from scarfmt.codecs.channels import cell_widths
 from scarfmt.container.schema import Stream
 from scarfmt.scene.model import Channel, LayerRow, SceneModel
@@ -26,12 +26,12 @@ class Allocation:
 
     Attributes:
         model: channels, classes and layers.
-        integers: (N, components) quantised values per channel.
+        integers: (N, components) int32 quantised values per channel.
         lambdas: of each layer that is kept.
     """
 
     model: SceneModel
-    integers: Mapping[Stream, I64]
+    integers: Mapping[Stream, I32]
     lambdas: list[float]
 
 
@@ -53,10 +53,10 @@ def allocate(problem: RdoInput, curves: Sequence[RdCurve], choices: Sequence[Lay
 
 def _quantise(
     problem: RdoInput, curves: Sequence[RdCurve], rows: Sequence[LayerRow]
-) -> tuple[SceneModel, dict[Stream, I64]]:
+) -> tuple[SceneModel, dict[Stream, I32]]:
     """The model of `rows`, and the final integers of every channel that any class receives."""
     classes = problem.classes.of
-    integers: dict[Stream, I64] = {}
+    integers: dict[Stream, I32] = {}
     used: list[int] = []
     for index, curve in enumerate(curves):
         steps = np.array([row[index] for row in rows[-1].steps])
@@ -72,9 +72,9 @@ def _quantise(
 
 
 def quantise_channel(
-    values: F64, weight: F64, classes: I64, received: tuple[Sequence[float], I64], lambda_: float
-) -> I64:
-    """(N, components) integers of the last layer; 0 for classes that receive none.
+    values: Floats, weight: F64, classes: I64, received: tuple[Sequence[float], I64], lambda_: float
+) -> I32:
+    """(N, components) int32 integers of the last layer; 0 for classes that receive none.
 
     Args:
         values, weight: (N, components), true ones, and squared picture error per squared unit.

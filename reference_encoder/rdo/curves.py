@@ -8,7 +8,7 @@ anything back (SPEC §6.5).
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 
@@ -27,7 +27,7 @@ from reference_encoder.tuning import (
     STAGGER,
     TABLE_ENTRY_BITS,
 )
-from scarfmt.arrays import F64, I64
+from scarfmt.arrays import F64, I64, Floats
 from scarfmt.container.schema import Stream
 from scarfmt.scene.model import MAX_STEPS
 
@@ -133,7 +133,7 @@ def align_steps(
 
 def measure_curve(
     stream: Stream,
-    values: F64,
+    values: Floats,
     step: tuple[float, ...],
     sensitivity: F64,
     classes: I64,
@@ -154,14 +154,17 @@ def measure_curve(
     sampled = [here[:: max(1, len(here) // PLANNED_ANCHORS)] for here in members]
     sizes, rows = np.array([len(some) for some in sampled]), np.concatenate(sampled)
     scale = repeat * np.diff(edges) / np.maximum(sizes, 1)
-    heavy = np.broadcast_to(sensitivity, values.shape)[rows]
+    columns = zip(values.T, np.broadcast_to(sensitivity, values.shape).T, strict=True)
+    sampled_columns = ((value[rows], weight[rows]) for value, weight in columns)
     widths = np.array(step) / 3.0 ** (FINEST_STEP - 1)
     of = np.repeat(np.arange(count), sizes)
-    bits, error = _price_steps(values[rows], heavy, of, widths, stream in _LOGARITHMS, scale)
+    bits, error = _price_steps(sampled_columns, of, widths, stream in _LOGARITHMS, scale)
     return RdCurve(stream, step, bits, error)
 
 
-def _price_steps(values: F64, weight: F64, classes: I64, finest: F64, logarithm: bool, scale: F64) -> tuple[F64, F64]:
+def _price_steps(
+    columns: Iterable[tuple[Floats, F64]], classes: I64, finest: F64, logarithm: bool, scale: F64
+) -> tuple[F64, F64]:
     """(classes, steps + 1) cumulative bits, and error left, with 0 .. `FINEST_STEP` steps of every class.
 
     Of a logarithm, errors are as pictures show them: the part by which the value is off. For small errors that is the
@@ -169,15 +172,14 @@ def _price_steps(values: F64, weight: F64, classes: I64, finest: F64, logarithm:
     too short.
 
     Args:
-        values, weight: (n, components).
+        columns: of each component, (n,) values and (n,) weights.
         classes: (n,) rising.
         finest: (components,) widths of cells after all steps.
         scale: (classes,) how many anchors each stands for.
     """
     shape = len(scale), FINEST_STEP + 1
-    bits, error, before = np.zeros(shape), np.zeros(shape), np.zeros(len(values), np.int64)
-    for component, width in enumerate(finest):
-        x, heavy = values[:, component], weight[:, component]
+    bits, error, before = np.zeros(shape), np.zeros(shape), None
+    for (x, heavy), width in zip(columns, finest, strict=True):
         cells = np.rint(x / width).astype(np.int64)
         error[:, 0] += scale * np.bincount(classes, heavy * x * x, len(scale))
         total, previous, first = np.zeros(len(scale)), cells, cells
@@ -191,7 +193,7 @@ def _price_steps(values: F64, weight: F64, classes: I64, finest: F64, logarithm:
             if steps > 1:
                 total += entropy_bits(now - 3 * previous, np.clip(previous, -2, 2) + 2, 5, classes, scale)
             else:
-                total += _first_bits(now, before if component else None, classes, scale)
+                total += _first_bits(now, before, classes, scale)
                 first = now
             previous = now
             bits[:, steps] += total

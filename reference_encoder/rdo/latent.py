@@ -6,6 +6,7 @@ dropped when they hold less than quantisation would leave anyway.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,19 +15,22 @@ from reference_encoder.tuning import DECODER_BITS, LATENT_RANGE, MAX_DIMENSIONS
 from scarfmt.arrays import F32, F64
 from scarfmt.blocks.mlp import Linear, QuantisedMlp
 
+_ROWS = 4096
+"""Vectors at a time."""
+
 
 @dataclass(frozen=True)
 class Latent:
     """A linear latent.
 
     Attributes:
-        values: (N, d) float64 in lattice units.
+        values: (N, d) float32 in lattice units.
         weight: (N,) float64: squared picture error per squared lattice unit.
         decoder: the network of SPEC §9.2, lattice units in, coefficients out.
-        projection: (D, d) float64 from vectors, centred and turned into the metric if there is one, to latents.
+        projection: (D, d) float64 from centred vectors to latents.
     """
 
-    values: F64
+    values: F32
     weight: F64
     decoder: QuantisedMlp
     projection: F64
@@ -41,23 +45,34 @@ def fit_latent(vectors: F32, weight: F64, tolerance: float, metric: F64 | None =
         metric: (D, D) positive definite: an error e counts weight * e^T metric e. With a metric the vectors
             are also centred, their mean becoming the decoder's bias; without, it is the identity.
     """
-    x = vectors.astype(np.float64)
-    centre, inverse = np.zeros(x.shape[1]), np.eye(x.shape[1])
+    centre, root, inverse = np.zeros(vectors.shape[1]), np.eye(vectors.shape[1]), np.eye(vectors.shape[1])
     if metric is not None:
-        centre = (weight @ x) / max(float(weight.sum()), 1e-300)
+        centre = (weight @ vectors) / max(float(weight.sum()), 1e-300)
         root, inverse = metric_roots(metric)
-        x = (x - centre) @ root
-    energy, basis = np.linalg.eigh((x * weight[:, None]).T @ x)
+    moments = np.zeros_like(root)
+    for rows, x in _blocks(vectors, centre):
+        moments += (x * weight[rows, None]).T @ x
+    energy, basis = np.linalg.eigh(root @ moments @ root)
     energy, basis = energy[::-1], basis[:, ::-1]
     left = np.concatenate([np.cumsum(energy[::-1])[::-1], [0.0]])
     keep = min(int(np.argmax(left <= tolerance)), MAX_DIMENSIONS)
     if keep == 0:
         return None
     basis = basis[:, :keep] * np.sign(basis[np.abs(basis).argmax(axis=0), np.arange(basis.shape[1])])[:keep]
-    z = x @ basis
-    unit = max(float(np.percentile(np.abs(z), 99.9)) / LATENT_RANGE, 1e-12)
+    projection, z = root @ basis, np.empty((len(vectors), keep), np.float32)
+    for rows, x in _blocks(vectors, centre):
+        z[rows] = x @ projection
+    unit = max(float(np.percentile(np.abs(z), 99.9, overwrite_input=True)) / LATENT_RANGE, 1e-12)
+    z /= unit
     decoder = QuantisedMlp((Linear.quantised(inverse @ basis * unit, centre, bits=DECODER_BITS),))
-    return Latent(z / unit, weight * unit * unit, decoder, basis / unit)
+    return Latent(z, weight * unit * unit, decoder, projection / unit)
+
+
+def _blocks(vectors: F32, centre: F64) -> Iterator[tuple[slice, F64]]:
+    """Rows, and (n, D) float64 of them less `centre`: few at a time stay in the cache."""
+    for first in range(0, len(vectors), _ROWS):
+        rows = slice(first, first + _ROWS)
+        yield rows, vectors[rows] - centre
 
 
 def metric_roots(metric: F64) -> tuple[F64, F64]:

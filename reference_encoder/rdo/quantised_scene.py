@@ -10,7 +10,7 @@ import numpy as np
 from reference_encoder.rdo.allocation import Allocation
 from reference_encoder.rdo.lattice import Placement
 from reference_encoder.rdo.rdo_input import RdoInput
-from scarfmt.arrays import I64
+from scarfmt.arrays import I32, I64
 from scarfmt.blocks.mlp import QuantisedMlp
 from scarfmt.coding.tile import TileContent
 from scarfmt.coding.writer import QuantisedScene
@@ -66,7 +66,7 @@ def cut_contents(
     model: SceneModel,
     placement: Placement,
     classes: I64,
-    integers: Mapping[Stream, I64],
+    integers: Mapping[Stream, I32],
     slot_layers: I64 | None = None,
 ) -> tuple[TileContent, ...]:
     """Tile contents in normative order (SPEC §6.3): by tile, layer of first appearance, Morton code, class.
@@ -74,7 +74,7 @@ def cut_contents(
     Args:
         placement: of N anchors.
         classes: (N,).
-        integers: (N, components) quantised values per channel.
+        integers: (N, components) int32 quantised values per channel.
         slot_layers: as :func:`assemble_scene` has it.
     """
     appears = np.searchsorted([row.class_count for row in model.layers], classes, side="right")
@@ -84,7 +84,7 @@ def cut_contents(
     for here in np.split(order, edges):
         content = TileContent.empty(model, len(here))
         content.codes, content.classes = placement.codes[here], classes[here]
-        content.values = [integers[channel.stream][here].astype(np.int32) for channel in model.channels]
+        content.values = [integers[channel.stream][here] for channel in model.channels]
         if slot_layers is not None:
             content.slot_layers = slot_layers[here]
         contents.append(content)

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from reference_encoder.rdo.classes import Classes
 from reference_encoder.rdo.latent import Latent
 from reference_encoder.rdo.lattice import Placement
-from scarfmt.arrays import F64
+from scarfmt.arrays import F64, Floats
 from scarfmt.blocks.mlp import QuantisedMlp
 from scarfmt.container.schema import Profile, Stream
 from scarfmt.scene.description import NOTHING_SAID, Description
@@ -26,7 +26,7 @@ class RdoInput:
         description: of the source.
         positions: (N, 3) float64 true positions.
         placement: their cells and tiles.
-        values: (N, components) float64 per channel, in coding order, units of SPEC §9.
+        values: (N, components) float64 per channel, float32 of LATENT, in coding order, units of SPEC §9.
         weights: (N, components) or (N, 1) float64 squared picture error per squared unit.
         coarsest: coarsest useful first step per channel and component.
         latent: of view-dependent colours or features; None where nothing in them is worth sending.
@@ -42,7 +42,7 @@ class RdoInput:
     source_count: int
     positions: F64
     placement: Placement
-    values: Mapping[Stream, F64]
+    values: Mapping[Stream, Floats]
     weights: Mapping[Stream, F64]
     coarsest: Mapping[Stream, tuple[float, ...]]
     latent: Latent | None

@@ -7,15 +7,15 @@ from collections import deque
 import numpy as np
 
 from reference_encoder.tuning import ROUNDING_ROUNDS
-from scarfmt.arrays import F64, I64
+from scarfmt.arrays import F64, I32, I64, Floats
 from scarfmt.threads import map_threads
 
 _MOST_VALUES = 1 << 16
 """A column with a wider range is simply rounded: its histogram would say nothing."""
 
 
-def round_values(values: F64, weight: F64, classes: I64, lambda_: float, units: F64 | None = None) -> I64:
-    """(N, components) integers near `values` / unit that minimise weight * error^2 + lambda_ * bits.
+def round_values(values: Floats, weight: F64, classes: I64, lambda_: float, units: F64 | None = None) -> I32:
+    """(N, components) int32 integers near `values` / unit that minimise weight * error^2 + lambda_ * bits.
 
     Candidates are the two nearest integers; bits are those of the value's own histogram in its class,
     re-estimated as choices settle.
@@ -30,7 +30,7 @@ def round_values(values: F64, weight: F64, classes: I64, lambda_: float, units: 
     order = np.argsort(classes, kind="stable")
     edges = np.cumsum([0, *np.bincount(classes)])
     steps = np.ones((len(edges) - 1, values.shape[1])) if units is None else units
-    heavy, out = np.broadcast_to(weight, values.shape), np.empty(values.shape, np.int64)
+    heavy, out = np.broadcast_to(weight, values.shape), np.empty(values.shape, np.int32)
 
     def fill(component: int) -> None:
         columns = values[:, component], heavy[:, component], steps[:, component]
@@ -40,7 +40,7 @@ def round_values(values: F64, weight: F64, classes: I64, lambda_: float, units: 
     return out
 
 
-def _round_column(values: F64, weight: F64, units: F64, order: I64, edges: I64, lambda_: float, out: I64) -> None:
+def _round_column(values: Floats, weight: F64, units: F64, order: I64, edges: I64, lambda_: float, out: I32) -> None:
     """Fill one component, class after class; `order` has the rows of class k from `edges[k]`."""
     for klass, unit in enumerate(units):
         rows = order[edges[klass] : edges[klass + 1]]

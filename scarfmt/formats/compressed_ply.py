@@ -18,7 +18,7 @@ from typing import BinaryIO
 import numpy as np
 from numpy.typing import NDArray
 
-from scarfmt.arrays import F32, F64, U8, U32
+from scarfmt.arrays import F32, F64, U8, U32, Floats
 from scarfmt.container.morton import MAX_BITS, interleave
 from scarfmt.errors import InvalidInput, Unsupported
 from scarfmt.formats import ply
@@ -83,7 +83,7 @@ def load(source: Source) -> GaussianScene:
             _between(scale_low, scale_high, _unpack_11_10_11(vertex["packed_scale"])).astype(np.float32),
             _unpack_rotation(vertex["packed_rotation"]),
             logit_of_alpha(alpha),
-            np.concatenate([dc_of_colour(colour), _harmonics(elements, rest)], axis=1),
+            sh_from_channel_major(dc_of_colour(colour)[:, 0], _harmonics(elements, rest)),
         )
 
 
@@ -133,13 +133,13 @@ def _unpack_colour(words: NDArray[np.uint32]) -> tuple[F64, NDArray[np.uint8]]:
     return colour, (words & np.uint32(255)).astype(np.uint8)
 
 
-def _harmonics(elements: dict[str, NDArray[np.void]], rest: list[str]) -> F32:
+def _harmonics(elements: dict[str, NDArray[np.void]], rest: list[str]) -> Floats:
     if not rest:
-        return np.empty((len(elements["vertex"]), 0, 3), np.float32)
+        return np.empty((len(elements["vertex"]), 0), np.float32)
     levels = (np.arange(256) + 0.5) / 256
     levels[[0, 255]] = 0.0, 1.0
     stored = np.stack([elements["sh"][name] for name in rest], axis=1)
-    return sh_from_channel_major(((levels - 0.5) * 8.0)[stored])
+    return np.asarray(((levels - 0.5) * 8.0)[stored])
 
 
 MAX_LOG_SCALE = 20.0

@@ -116,15 +116,13 @@ class Columns:
             scales, logits = _smooth(scales, logits, rows[_FILTER])
         if len(self.scales) == 2:
             scales = np.pad(scales, ((0, 0), (0, 1)), constant_values=FLAT_LOG_SCALE)
-        dc = self._dc(rows)[:, None, :]
-        harmonics = sh_from_channel_major(ply.columns(rows, list(self.rest)))
         with np.errstate(over="ignore"):  # doubles beyond float32 become infinities, which a later check reports
             return GaussianScene(
                 self.positions(rows),
                 scales.astype(np.float32),
                 ply.columns(rows, list(ROTATION)).astype(np.float32),
                 logits.astype(np.float32),
-                np.concatenate([dc.astype(np.float32), harmonics], axis=1),
+                sh_from_channel_major(self._dc(rows), ply.columns(rows, list(self.rest))),
             )
 
     def _dc(self, rows: ply.Rows) -> NDArray[np.generic]:

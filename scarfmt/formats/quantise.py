@@ -99,11 +99,12 @@ def complete_smallest_three(kept: F64, omitted: NDArray[np.integer]) -> F64:
     return quaternions
 
 
-def sh_from_channel_major(rest: NDArray[np.generic]) -> F32:
-    """INRIA's f_rest columns (N, 3 R), all of red first, as (N, R, 3) float32."""
+def sh_from_channel_major(dc: NDArray[np.generic], rest: NDArray[np.generic]) -> F32:
+    """(N, 1 + R, 3) float32: (N, 3) of degree 0, then INRIA's f_rest columns (N, 3 R), all of red first."""
     count, columns = rest.shape
-    coefficients: F32 = rest.astype(np.float32, copy=False).reshape(count, 3, columns // 3).transpose(0, 2, 1)
-    return coefficients
+    sh = np.empty((count, 1 + columns // 3, 3), np.float32)
+    sh[:, 0], sh[:, 1:] = dc, rest.reshape(count, 3, columns // 3).transpose(0, 2, 1)
+    return sh
 
 
 _HALF_TINIEST = 2.0**-150

@@ -154,14 +154,20 @@ class AnchorModel:
         return int(self.offsets.shape[1])
 
 
+def allocate_scene(count: int, sh_degree: int, description: Description = NOTHING_SAID) -> GaussianScene:
+    """Room for `count` Gaussians, whose numbers are still to be written."""
+    shapes = (3,), (4,), (), ((sh_degree + 1) ** 2, 3)
+    rows = (np.empty((count, *shape), np.float32) for shape in shapes)
+    return GaussianScene(np.empty((count, 3)), *rows, description=description)
+
+
 def concatenate(parts: Sequence[GaussianScene], sh_degree: int = 0) -> GaussianScene:
     """One scene of all Gaussians, of the highest degree of `parts` and `sh_degree`; degrees a part lacks are zeros.
 
     The description is that of the first part.
     """
     if not parts:
-        empty = (np.zeros((0, *shape), np.float32) for shape in ((3,), (4,), (), ((sh_degree + 1) ** 2, 3)))
-        return GaussianScene(np.zeros((0, 3)), *empty)
+        return allocate_scene(0, sh_degree)
     coefficients = max((sh_degree + 1) ** 2, *(part.sh.shape[1] for part in parts))
     return GaussianScene(
         np.concatenate([part.positions for part in parts]),
