@@ -133,14 +133,18 @@ class Trial:
     """The result at one lambda.
 
     Attributes:
-        problem: what there was to decide.
-        curves: what it costs.
-        scene: all integers of the file.
+        profile: the scene.
+        layered: what was decided.
     """
 
-    problem: RdoInput
-    curves: Sequence[RdCurve]
-    scene: QuantisedScene
+    profile: Profile[Any]
+    layered: LayeredInput
+
+    @cached_property
+    def scene(self) -> QuantisedScene:
+        """All integers of the file, computed when they are first wanted."""
+        problem = self.layered.problem
+        return self.profile.quantise(problem, allocate(problem, self.layered.curves, self.layered.choices))
 
 
 def choose_layers(problem: RdoInput, curves: Sequence[RdCurve], layers: int) -> LayeredInput:
@@ -168,9 +172,9 @@ class Encoder:
         trial = RateControl.for_options(self.profile.options).converge(self.trial, self._psnr_db)
         if not self._previews:
             return trial
-        problem, curves = trial.problem, trial.curves
+        problem, curves = trial.layered.problem, trial.layered.curves
         del trial  # its integers are as large as the scene
-        return self._allocate(self._layer_by_pictures(problem, curves))
+        return Trial(self.profile, self._layer_by_pictures(problem, curves))
 
     def trial(self, target: float) -> Trial:
         """The decision for a target, dB: layers by rule, or one that pictures will divide."""
@@ -178,17 +182,13 @@ class Encoder:
         self._report()
         self.trials += 1
         curves = measure_curves(problem)
-        return self._allocate(choose_layers(problem, curves, 1 if self._previews else layers))
+        return Trial(self.profile, choose_layers(problem, curves, 1 if self._previews else layers))
 
     @property
     def _previews(self) -> bool:
         """Whether pictures decide what layers hold."""
         options = self.profile.options
         return options.layers > 1 and bool(options.effort) and self.profile.previews
-
-    def _allocate(self, layered: LayeredInput) -> Trial:
-        allocation = allocate(layered.problem, layered.curves, layered.choices)
-        return Trial(layered.problem, layered.curves, self.profile.quantise(layered.problem, allocation))
 
     def _layer_by_pictures(self, problem: RdoInput, curves: Sequence[RdCurve]) -> LayeredInput:
         """The content of layers, chosen from pictures: a first layer without holes, then others.

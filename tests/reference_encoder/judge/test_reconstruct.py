@@ -65,7 +65,7 @@ def test_anchors_are_those_that_are_decoded() -> None:
 def test_previews_hold_the_classes_they_say() -> None:
     """The anchors of the first classes, and of each class the given part; colours beyond degree 0 only with latents."""
     options = EncodeOptions(quality=45, effort=1, layers=1, corrections=0)
-    trial = Encoder(measure_scene(random_scene(2, 900, 1), options)).run()
+    trial = Encoder(measure_scene(random_scene(2, 900, 1), options)).run().layered
     steps = tuple(0 if curve.stream == Stream.LATENT else 2 for curve in trial.curves)
     sizes = np.bincount(trial.problem.classes.of)
     preview = PreviewScene.of(trial.problem, trial.curves)
@@ -81,7 +81,8 @@ def test_previews_of_the_last_layer_are_near_what_is_decoded() -> None:
     """With all steps of the last layer, every Gaussian is the one of the file but for the rounding of its values."""
     options = EncodeOptions(quality=45, effort=1, layers=1, corrections=0)
     trial = Encoder(measure_scene(random_scene(2, 900, 1), options)).run()
-    preview, costs = PreviewScene.of(trial.problem, trial.curves), price_layers(trial.problem, trial.curves)
+    problem, curves = trial.layered.problem, trial.layered.curves
+    preview, costs = PreviewScene.of(problem, curves), price_layers(problem, curves)
     shown = preview.reconstruct(costs.steps(costs.final))
     found = reconstruct_gaussians(trial.scene)
     camera = ring(3)[1]
