@@ -22,7 +22,8 @@ cat >read.mjs <<'JS'
 import { loadCompressedPly } from "spz-js";
 
 const ends = (name) => ["min", "max"].flatMap((end) => ["x", "y", "z"].map((axis) => `${end}_${name}${axis}`));
-const chunk = [...ends(""), ...ends("scale_"), ...["min", "max"].flatMap((end) => ["r", "g", "b"].map((colour) => `${end}_${colour}`))];
+const colours = ["min_r", "min_g", "min_b", "max_r", "max_g", "max_b"];
+const chunk = [...ends(""), ...ends("scale_"), ...colours];
 const words = ["position", "rotation", "scale", "color"].map((part) => `property uint packed_${part}`);
 
 let asDescribed = true;
@@ -39,7 +40,8 @@ for (const degree of [1, 2, 3]) {
     const close = (index) => Math.abs(sh[3 * index + colour] - (bytes[colour * count + index] * 8 / 255 - 4)) < 0.02;
     return [...Array(count).keys()].filter(close).length;
   });
-  console.log(`degree ${degree}: ` + ["red", "green", "blue"].map((name, index) => `${name} ${right[index]} of ${count}`).join(", "));
+  const told = ["red", "green", "blue"].map((name, index) => `${name} ${right[index]} of ${count}`);
+  console.log(`degree ${degree}: ${told.join(", ")}`);
   asDescribed &&= right.join() === (degree === 3 ? [count, count, count] : [count, 0, 0]).join();
 }
 process.exit(asDescribed ? 0 : 1);
