@@ -2,8 +2,8 @@
 # Babylon.js reads a third of the harmonics of a SOG of version 1, and leaves the others at zero.
 #
 # One would expect: all 15 coefficients of degree 3, as of the same images under a meta.json of version 2.
-# What happens: the number of coefficients, which is a third of the columns, is divided by three once more. Degree 1 is read
-#   in part, the degrees above it hardly or not at all. They are counted as there, and nothing is said.
+# What happens: the number of coefficients, which is a third of the columns, is divided by three once more. The lowest third of
+#   the coefficients is read, the others stay zero. The degree is told as it is in the file, and nothing is said.
 # Packages: @babylonjs/loaders 9.28.0 and @babylonjs/core 9.35.0 (npm). Date: 2026-11-29.
 # Why it matters: version 1 is what `sogs` writes, and what scenes of 2025 on the web are in. Reflections fade in Babylon.js
 #   alone, as if the file had lost them. Write such files again as version 2.
