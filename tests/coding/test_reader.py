@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from conformance.surgery.files import blocks_of, rebuilt
 from fuzz.testing.scenes import random_scene
-from fuzz.testing.strategies import quantised_scenes
+from fuzz.testing.strategies import quantised_scenes, scenes
 from scarfmt.coding.reader import ALL_STREAMS, SceneReader
 from scarfmt.coding.writer import QuantisedScene, keep_layers, write_scene
 from scarfmt.container.file import Block, Container
@@ -28,7 +28,7 @@ def opened(data: bytes, *, allow_truncated: bool = False) -> SceneReader:
 
 
 @settings(deadline=None, max_examples=25)
-@given(quantised_scenes())
+@given(scenes())
 def test_fewer_layers_are_the_truncated_file(scene: QuantisedScene) -> None:
     """Decoding k layers of a file, decoding the file cut to k, and the encoder's k layers are one thing."""
     data = write_scene(scene)

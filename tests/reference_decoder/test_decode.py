@@ -16,7 +16,7 @@ from fuzz.testing.strategies import quantised_scenes
 from reference_decoder.decode import DecodeRequest, decode, decode_scene, iter_tiles
 from reference_decoder.decoded import Decoded
 from scarfmt.blocks.layer import pack_layer
-from scarfmt.coding.writer import QuantisedScene, keep_layers, write_scene
+from scarfmt.coding.writer import QuantisedScene, write_scene
 from scarfmt.container import paged
 from scarfmt.container.directory import Entry
 from scarfmt.container.file import Container
@@ -28,7 +28,6 @@ from scarfmt.errors import InvalidInput, LimitExceeded, Malformed
 from scarfmt.limits import Limits
 from scarfmt.scene.gaussians import GaussianScene
 from scarfmt.scene.streams import ATTRIBUTES
-from scarfmt.tools.truncate import truncate
 from scarfmt.tools.validate import validate
 from tests.samples.paged_samples import Recorded, in_pages
 
@@ -42,18 +41,6 @@ def assert_equal(a: Decoded, b: Decoded) -> None:
         assert (x is None) == (y is None)
         if x is not None and y is not None:
             assert (x.dtype, x.shape, x.tobytes()) == (y.dtype, y.shape, y.tobytes())
-
-
-@settings(deadline=None, max_examples=12)
-@given(quantised_scenes())
-def test_truncated_file_decodes_to_the_first_layers_of_the_whole(scene: QuantisedScene) -> None:
-    data = write_scene(scene)
-    for layers in range(1, len(scene.model.layers) + 1):
-        short = truncate(BytesSource(data), layers)
-        whole = decode(data, layers=layers)
-        assert whole.layers == layers
-        assert_equal(decode(short), whole)
-        assert_equal(decode(write_scene(keep_layers(scene, layers))), whole)
 
 
 @settings(deadline=None, max_examples=12)
