@@ -1,4 +1,4 @@
-"""Classes of the anchors that appear in a layer."""
+"""Classes of the anchors that appear in a layer: what is not coded."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""RVQ indices: stages from any to any, and no index without a codeword."""
+"""RVQ indices: their contexts."""
 
 from __future__ import annotations
 
