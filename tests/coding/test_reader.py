@@ -77,14 +77,6 @@ def test_subsets_read_less() -> None:
     assert spent(streams=frozenset()) < spent(streams=frozenset({Stream.SCALE})) < whole
 
 
-@pytest.mark.parametrize("layers", [0, -1, 4])
-def test_layers_that_do_not_exist_are_invalid_input(layers: int) -> None:
-    """The message says which exist."""
-    with pytest.raises(InvalidInput, match="has 3 layers") as caught:
-        opened(write_scene(random_scene(1, layers=3))).models(layers)
-    assert caught.value.refusal == "input-layers"
-
-
 @pytest.mark.parametrize("tiles", [[99], [-1], [0, 3]])
 def test_tiles_that_do_not_exist_are_invalid_input(tiles: list[int]) -> None:
     """At the call, not when the first tile is taken."""

@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-
 import numpy as np
 
 from fuzz.testing.scenes import random_scene
 from scarfmt.blocks.tables import fit_table
 from scarfmt.coding.tile import TileContent, get_layer, needed_streams, put_layer
-from scarfmt.coding.writer import QuantisedScene
-from scarfmt.container.directory import TileFrame, tile_frame
+from scarfmt.container.directory import TileFrame
 from scarfmt.container.schema import Profile, Stream
 from scarfmt.entropy.emitters import SymbolCounter, SymbolWriter
 from scarfmt.entropy.keys import TableKey
@@ -21,18 +18,6 @@ from tests.samples.codec_samples import refuses
 from tests.samples.contents import ATTRIBUTES, arrays_of
 
 Tables = dict[TableKey, SymbolTable]
-Coded = tuple[int, dict[Stream, bytes], Tables]
-
-
-def code_layer(scene: QuantisedScene, layer: int, tile: int) -> Coded:
-    """New anchors, streams and tables of one layer of one tile."""
-    frame, content = tile_frame(scene.fields, scene.tiles[tile]), scene.contents[tile]
-    counter = SymbolCounter()
-    put_layer(scene.model, layer, frame, content, lambda _: counter)
-    tables = {key: fit_table(*histogram) for key, histogram in counter.histograms().items()}
-    writers: dict[Stream, SymbolWriter] = {}
-    new = put_layer(scene.model, layer, frame, content, lambda s: writers.setdefault(s, SymbolWriter(tables)))
-    return new, {stream: writer.finish() for stream, writer in writers.items()}, tables
 
 
 def four_channels() -> SceneModel:
@@ -44,40 +29,6 @@ def four_channels() -> SceneModel:
 def test_without_predictors_nothing_but_what_is_wanted_is_needed() -> None:
     wanted = {Stream.OPACITY, Stream.ROTATION}
     assert needed_streams(four_channels(), wanted) == wanted
-
-
-def reading(
-    new: int, streams: Mapping[Stream, bytes] | None = None, tables: Mapping[TableKey, SymbolTable] | None = None
-) -> TileContent:
-    """Layer 1 of a tile of :func:`four_channels`, from crafted streams."""
-
-    def open_stream(stream: Stream) -> SymbolReader:
-        return SymbolReader((streams or {}).get(stream, b""), tables or {})
-
-    model = four_channels()
-    content = TileContent.empty(model, new)
-    get_layer(model, 1, TileFrame(4), content, new, open_stream, ATTRIBUTES, (0, 0))
-    return content
-
-
-def test_streams_must_hold_what_the_directory_announces() -> None:
-    """Anchors without their positions, streams without anchors, streams that go on."""
-    assert len(reading(0)) == 0
-    refuses("missing-table", lambda: reading(1))
-    refuses("missing-table", lambda: reading(2))
-    some = b"\1\2\3\4"
-    refuses("rans-seal", lambda: reading(0, {Stream.SCALE: some}))
-    refuses("rans-seal", lambda: reading(0, {Stream.INDICES: some}))
-    refuses("rans-length", lambda: reading(0, {Stream.COLOUR: b"12345"}))
-    scene = random_scene(1, Profile.EXPLICIT, anchors=40, layers=1, tiles=1)
-    _, streams, tables = code_layer(scene, 1, 0)
-    frame, model = tile_frame(scene.fields, scene.tiles[0]), scene.model
-
-    def more(stream: Stream) -> SymbolReader:
-        return SymbolReader(some + streams[stream] if stream == Stream.SCALE else streams.get(stream, b""), tables)
-
-    sizes = scene.codebooks.sizes if scene.codebooks else (0, 0)
-    refuses("rans-seal", lambda: get_layer(model, 1, frame, TileContent.empty(model, 40), 40, more, ATTRIBUTES, sizes))
 
 
 def test_the_head_of_a_tile_is_the_tile_itself() -> None:
