@@ -46,7 +46,7 @@ def random_network(
     """
     dims = min(books.dimension, 6) if codeword_dims is None else codeword_dims
     words = [book for book in (books.coarse, books.residual) if len(book)]
-    clusters = tuple(_clusters(rng, len(book), cluster_size) if two_level else () for book in words)
+    clusters = tuple(random_clusters(rng, len(book), cluster_size) if two_level else () for book in words)
     widths = hidden + 1, hidden, hidden if mixed is None else mixed
     plan = NetworkPlan(activation_bits, widths, dims, gru_layers, gate=int(pre_activation), clusters=clusters,
                        attention=attention, edge=edge)  # fmt: skip
@@ -65,7 +65,8 @@ def _codeword_shift(books: list[np.ndarray], amax: int) -> int:
     raise AssertionError("codewords that fit no shift")
 
 
-def _clusters(rng: np.random.Generator, codewords: int, size: int | None) -> tuple[int, ...]:
+def random_clusters(rng: np.random.Generator, codewords: int, size: int | None = None) -> tuple[int, ...]:
+    """Sizes of clusters that hold so many codewords, equal ones if `size` is given."""
     if size is not None:
         return (size,) * (codewords // size)
     cuts = rng.choice(codewords, rng.integers(0, min(codewords, 12)), replace=False)

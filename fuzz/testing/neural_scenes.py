@@ -2,19 +2,21 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import replace
+from itertools import product
 
 import numpy as np
 from numpy.random import Generator
 
-from fuzz.testing.networks import random_network
-from fuzz.testing.scenes import random_scene
+from conformance.scenes.made import Plan
+from conformance.scenes.neural_models import GridPlan, NetworkPlan, PredictorPlan
+from fuzz.testing.networks import random_clusters
+from fuzz.testing.scenes import CODEWORDS, random_plan, scene_of
 from scarfmt.coding.writer import QuantisedScene
 from scarfmt.container.schema import Profile
-from scarfmt.neural.arithmetic import Linear
-from scarfmt.neural.grid import GridLevel, HashGrid
-from scarfmt.neural.network import Inputs
-from scarfmt.neural.predictors import MAX_INPUTS, Predictor, first_use, input_width
+from scarfmt.neural.grid import GridLevel
+from scarfmt.neural.predictors import MAX_INPUTS, first_use, input_width
 from scarfmt.scene.model import DecodedContext, SceneModel
 
 _OCCUPANCIES = (64, 24, 12, 3, 2, 1)
@@ -38,78 +40,54 @@ def neural_scene(
         network: whether it has an index network, if it has codebooks.
     """
     rng = np.random.default_rng([seed, 7])
-    scene = random_scene(seed, profile, anchors=anchors, layers=layers, tiles=tiles, latent=latent)
+    plan = random_plan(seed, profile, anchors, layers, tiles, None, latent)
     depths = np.sort(rng.choice(_OCCUPANCIES, int(rng.integers(0, 4)), replace=False))[::-1]
     context = DecodedContext(int(rng.integers(0, 4)), tuple(int(depth) for depth in depths))
-    scene = replace(scene, model=replace(scene.model, context=context))
-    scene = replace(scene, predictors=_predictors(rng, scene.model))
-    return _with_network(rng, scene) if network and scene.codebooks is not None else scene
+    model = SceneModel(plan.profile, plan.slots, plan.channels, plan.rows, context)
+    plan = replace(plan, context=context, predictors=tuple(_predictors(rng, model)))
+    return scene_of(_with_network(rng, plan, model) if network and model.max_stages else plan)
 
 
-def _predictors(rng: Generator, model: SceneModel) -> dict[int, tuple[Predictor, ...]]:
-    found: dict[int, list[Predictor]] = {}
-    for channel in (index for index in model.predicted if input_width(model, index) <= MAX_INPUTS):
-        for component in range(model.channels[channel].components):
-            for step in range(1, _MOST_STEPS):
-                layer = first_use(model, channel, step)
-                if layer is not None and rng.random() < 0.5:
-                    found.setdefault(layer, []).append(_predictor(rng, model, channel, component, step))
-    return {layer: tuple(group) for layer, group in sorted(found.items())}
+def _predictors(rng: Generator, model: SceneModel) -> Iterator[PredictorPlan]:
+    for index in (index for index in model.predicted if input_width(model, index) <= MAX_INPUTS):
+        channel = model.channels[index]
+        for component, step in product(range(channel.components), range(1, _MOST_STEPS)):
+            if first_use(model, index, step) is not None and rng.random() < 0.5:
+                units, classes = (int(n) for n in rng.integers(0, (4, 16)))
+                buckets = int(rng.integers(1, 9)), int(rng.integers(1, 5))
+                yield PredictorPlan(channel.stream, component, step, units, buckets, classes)
 
 
-def _predictor(rng: Generator, model: SceneModel, channel: int, component: int, step: int) -> Predictor:
-    width, units = input_width(model, channel), int(rng.integers(0, 4))
-    hidden = _linear(rng, units, width, 5) if units else None
-    buckets = (int(rng.integers(1, 9)), int(rng.integers(1, 5)))
-    return Predictor(
-        model.channels[channel].stream, component, step, hidden, _linear(rng, 2, width + units, 7), buckets
-    )
-
-
-def _linear(rng: Generator, rows: int, columns: int, shift: int) -> Linear:
-    weights = rng.integers(-20, 21, (rows, columns)).astype(np.int32)
-    return Linear(weights, rng.integers(-50, 500, rows), shift)
-
-
-def _with_network(rng: Generator, scene: QuantisedScene) -> QuantisedScene:
+def _with_network(rng: Generator, plan: Plan, model: SceneModel) -> Plan:
     """From the first layer with a stage on, some layers, that one among them, are of entropy mode 1."""
-    assert scene.codebooks is not None
-    model = scene.model
-    first = next(number for number, row in enumerate(model.layers) if max(row.stages))
+    first = next(number for number, row in enumerate(plan.rows) if max(row.stages))
     rows = tuple(
         replace(row, neural=number == first or (number > first and bool(rng.random() < 0.7)))
-        for number, row in enumerate(model.layers)
+        for number, row in enumerate(plan.rows)
     )
-    grid = _grid(rng, scene.fields.lattice_bits) if rng.random() < 0.75 else None
-    inputs = Inputs(
+    grid = _grid(rng, plan.bits) if rng.random() < 0.75 else None
+    two_level = bool(rng.integers(2))
+    network = NetworkPlan(
+        int(rng.integers(8, 13)),
+        (9, 8, 8),
+        min(plan.dimension, 6),
+        int(rng.integers(1, 3)),
         int(rng.integers(0, 4)),
         bool(rng.integers(2)),
-        sum(model.channels[index].components for index in model.attributes),
-        len(model.context.occupancies),
-        int(rng.integers(0, scene.codebooks.dimension + 1)),
+        int(rng.integers(0, plan.dimension + 1)),
         int(rng.integers(0, 3)),
-        0 if grid is None else grid.width,
-    )
-    if not inputs.width:
-        inputs = replace(inputs, classes=1)
-    network = random_network(
-        rng,
-        scene.codebooks,
-        inputs,
-        stages=model.max_stages,
-        activation_bits=int(rng.integers(8, 13)),
-        two_level=bool(rng.integers(2)),
+        clusters=tuple(random_clusters(rng, CODEWORDS) if two_level else () for _ in range(2)),
         attention=bool(rng.integers(2)),
-        gru_layers=int(rng.integers(1, 3)),
     )
-    return replace(scene, model=replace(model, layers=rows), network=network, grid=grid)
+    if not (network.classes or (network.own and model.attributes) or model.context.occupancies or grid):
+        network = replace(network, classes=1)
+    return replace(plan, rows=rows, network=network, grid=grid)
 
 
-def _grid(rng: Generator, lattice_bits: int) -> HashGrid:
+def _grid(rng: Generator, lattice_bits: int) -> GridPlan:
     levels = tuple(
         GridLevel(int(rng.integers(0, 4)), int(rng.integers(1, 9)), int(rng.integers(3, 8)), int(rng.integers(1, 3)))
         for _ in range(int(rng.integers(1, 4)))
     )
-    bits = tuple(rng.integers(0, 2, (level.entries, level.features)).astype(np.uint8) for level in levels)
     origin = tuple(int(o) for o in rng.integers(0, 1 << min(lattice_bits, 31), 3))
-    return HashGrid((origin[0], origin[1], origin[2]), int(rng.integers(0, lattice_bits + 1)), levels, bits)
+    return GridPlan((origin[0], origin[1], origin[2]), int(rng.integers(0, lattice_bits + 1)), levels)

@@ -236,6 +236,7 @@ def write_usd(parts: Parts, described: Described, target: BinaryIO) -> Written:
         path = Path(folder) / "scene.usdc"
         stage = Usd.Stage.CreateNew(str(path))
         UsdGeom.SetStageUpAxis(stage, UsdGeom.Tokens.z if up_axis == "z" else UsdGeom.Tokens.y)
+        UsdGeom.SetStageMetersPerUnit(stage, 1.0)  # else programs take the numbers for centimetres, USD's own default
         splats = UsdVol.ParticleField3DGaussianSplat.Define(stage, "/Gaussians")
         prim = splats.GetPrim()
         stage.SetDefaultPrim(prim)

@@ -1,4 +1,4 @@
-"""Records of the TABLES block (SPEC §8.3), read at once and one by one, and the tables that are worth sending."""
+"""The tables that are worth sending in a TABLES block (SPEC §8.3)."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from scarfmt.blocks.tables import fit_table, pack_table, pack_tables, unpack_tables
+from scarfmt.blocks.tables import fit_table, pack_table, unpack_tables
 from scarfmt.entropy.keys import TableKey
 from scarfmt.entropy.symbol_tables import SymbolTable
 from tests.samples.codec_samples import refuses
@@ -22,26 +22,6 @@ ALPHABETS = st.lists(
     max_size=30,
     unique=True,
 ).map(sorted)
-KEYS = st.builds(TableKey, *[st.integers(0, 255)] * 4)
-
-
-@st.composite
-def tables(draw: st.DrawFn) -> SymbolTable:
-    alphabet = draw(ALPHABETS)
-    weights = draw(st.lists(st.integers(1, (1 << 24) - 1), min_size=len(alphabet), max_size=len(alphabet)))
-    return SymbolTable(np.array(alphabet, np.int64), np.array(weights, np.int64))
-
-
-@settings(deadline=None)
-@given(st.dictionaries(KEYS, tables(), max_size=4))
-def test_tables_come_back(wanted: dict[TableKey, SymbolTable]) -> None:
-    """Sparse alphabets with outliers at the ends of 32 bits, any weights below 2^24."""
-    found = unpack_tables(pack_tables(wanted))
-    assert sorted(found) == sorted(wanted)
-    for key, table in wanted.items():
-        assert found[key].alphabet.tolist() == table.alphabet.tolist()
-        assert found[key].weights.tolist() == table.weights.tolist()
-        assert found[key].table.frequencies.tolist() == table.table.frequencies.tolist()
 
 
 @settings(deadline=None)

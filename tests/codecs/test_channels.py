@@ -31,13 +31,6 @@ def test_coarsening_is_rounding_to_nearest(value: int, steps: int) -> None:
     assert 2 * abs(value - cell * 3**steps) < 3**steps or (steps == 0 and cell == value)
 
 
-@given(VALUES, st.integers(0, 10), st.integers(0, 9))
-def test_coarsening_in_steps_is_coarsening_at_once(value: int, first: int, then: int) -> None:
-    """Cells nest: that is what makes any prefix of refinements a rounding of its own."""
-    values = np.array([value])
-    assert coarsen(coarsen(values, first), then).tolist() == coarsen(values, first + then).tolist()
-
-
 def test_steps_may_differ_by_anchor() -> None:
     """The broadcast form agrees with the scalar one."""
     values = np.arange(-20, 20)
@@ -107,15 +100,6 @@ def cases(draw: st.DrawFn) -> Case:
 def test_steps_come_back_from_anywhere_to_anywhere(case: Case) -> None:
     """Anchors at different steps, in one layer; values up to the ends of 32 bits, at up to 20 steps."""
     case.check()
-
-
-@pytest.mark.parametrize("value", [EDGE, -EDGE])
-@pytest.mark.parametrize("steps", [1, 20])
-def test_the_extremes_of_32_bits_come_back(value: int, steps: int) -> None:
-    """Extremes come back as a first value, and when nineteen refinements reach them."""
-    count, none = np.array([steps]), np.zeros(1, np.int64)
-    values = np.full((1, 3), value, np.int32)
-    Case(channel(), none, count, values, count).check()
 
 
 def test_a_layer_that_refines_nothing_emits_nothing() -> None:

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from conformance.surgery.files import blocks_of, rebuilt
 from fuzz.testing.scenes import random_scene
-from fuzz.testing.strategies import quantised_scenes
+from fuzz.testing.strategies import quantised_scenes, scenes
 from scarfmt.coding.reader import ALL_STREAMS, SceneReader
 from scarfmt.coding.writer import QuantisedScene, keep_layers, write_scene
 from scarfmt.container.file import Block, Container
@@ -28,7 +28,7 @@ def opened(data: bytes, *, allow_truncated: bool = False) -> SceneReader:
 
 
 @settings(deadline=None, max_examples=25)
-@given(quantised_scenes())
+@given(scenes())
 def test_fewer_layers_are_the_truncated_file(scene: QuantisedScene) -> None:
     """Decoding k layers of a file, decoding the file cut to k, and the encoder's k layers are one thing."""
     data = write_scene(scene)
@@ -75,14 +75,6 @@ def test_subsets_read_less() -> None:
     assert spent(layers=1) < spent(layers=2) < whole
     assert spent([0]) < spent([0, 1]) < whole
     assert spent(streams=frozenset()) < spent(streams=frozenset({Stream.SCALE})) < whole
-
-
-@pytest.mark.parametrize("layers", [0, -1, 4])
-def test_layers_that_do_not_exist_are_invalid_input(layers: int) -> None:
-    """The message says which exist."""
-    with pytest.raises(InvalidInput, match="has 3 layers") as caught:
-        opened(write_scene(random_scene(1, layers=3))).models(layers)
-    assert caught.value.refusal == "input-layers"
 
 
 @pytest.mark.parametrize("tiles", [[99], [-1], [0, 3]])

@@ -2,19 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
-from dataclasses import replace
-
 import numpy as np
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
 from fuzz.testing.scenes import random_scene
-from fuzz.testing.strategies import quantised_scenes
 from scarfmt.blocks.tables import fit_table
 from scarfmt.coding.tile import TileContent, get_layer, needed_streams, put_layer
-from scarfmt.coding.writer import QuantisedScene, keep_layers
-from scarfmt.container.directory import TileFrame, tile_frame
+from scarfmt.container.directory import TileFrame
 from scarfmt.container.schema import Profile, Stream
 from scarfmt.entropy.emitters import SymbolCounter, SymbolWriter
 from scarfmt.entropy.keys import TableKey
@@ -23,85 +16,8 @@ from scarfmt.entropy.symbol_tables import SymbolTable
 from scarfmt.scene.model import Channel, LayerRow, SceneModel
 from tests.samples.codec_samples import refuses
 from tests.samples.contents import ATTRIBUTES, arrays_of
-from tests.samples.equality import same
 
 Tables = dict[TableKey, SymbolTable]
-Coded = tuple[int, dict[Stream, bytes], Tables]
-
-
-def code_layer(scene: QuantisedScene, layer: int, tile: int) -> Coded:
-    """New anchors, streams and tables of one layer of one tile."""
-    frame, content = tile_frame(scene.fields, scene.tiles[tile]), scene.contents[tile]
-    counter = SymbolCounter()
-    put_layer(scene.model, layer, frame, content, lambda _: counter)
-    tables = {key: fit_table(*histogram) for key, histogram in counter.histograms().items()}
-    writers: dict[Stream, SymbolWriter] = {}
-    new = put_layer(scene.model, layer, frame, content, lambda s: writers.setdefault(s, SymbolWriter(tables)))
-    return new, {stream: writer.finish() for stream, writer in writers.items()}, tables
-
-
-def read_layer(
-    scene: QuantisedScene,
-    layer: int,
-    tile: int,
-    content: TileContent,
-    wanted: Collection[Stream],
-    opened: set[Stream] | None = None,
-) -> TileContent:
-    new, streams, tables = code_layer(scene, layer, tile)
-
-    def open_stream(stream: Stream) -> SymbolReader:
-        if opened is not None:
-            opened.add(stream)
-        return SymbolReader(streams.get(stream, b""), tables)
-
-    frame = tile_frame(scene.fields, scene.tiles[tile])
-    sizes = scene.codebooks.sizes if scene.codebooks else (0, 0)
-    content = with_room(scene.model, content, new)
-    get_layer(scene.model, layer, frame, content, new, open_stream, wanted, sizes)
-    return content
-
-
-def with_room(model: SceneModel, content: TileContent, new: int) -> TileContent:
-    """A larger tile that begins with the same anchors."""
-    larger = TileContent.empty(model, len(content) + new)
-    for target, source in zip(arrays_of(larger.head(len(content))), arrays_of(content), strict=True):
-        target[...] = source
-    return larger
-
-
-@settings(deadline=None, max_examples=25)
-@given(quantised_scenes(max_anchors=40))
-def test_after_each_layer_a_decoder_holds_what_keeping_layers_gives(scene: QuantisedScene) -> None:
-    """Every intermediate state is exact, not only the last."""
-    for tile in range(len(scene.tiles)):
-        content = TileContent.empty(scene.model)
-        for layer in range(1, len(scene.model.layers) + 1):
-            content = read_layer(scene, layer, tile, content, ATTRIBUTES)
-            kept = keep_layers(scene, layer)
-            stages = kept.model.max_stages
-            assert not content.indices[:, stages:].any()
-            here = replace(content, indices=content.indices[:, :stages])
-            assert same(here, kept.contents[tile])
-
-
-@settings(deadline=None, max_examples=25)
-@given(quantised_scenes(max_anchors=40, max_layers=3), st.sets(st.sampled_from(sorted(ATTRIBUTES))))
-def test_leaving_attributes_out_changes_no_other(scene: QuantisedScene, wanted: set[Stream]) -> None:
-    """Others stay 0 unless a context needs them, and only streams that are needed are opened."""
-    needed = needed_streams(scene.model, wanted)
-    for tile, full in enumerate(scene.contents):
-        opened: set[Stream] = set()
-        content = TileContent.empty(scene.model)
-        for layer in range(1, len(scene.model.layers) + 1):
-            content = read_layer(scene, layer, tile, content, wanted, opened)
-        assert opened <= needed | {Stream.POSITIONS, Stream.CLASSES, Stream.MASKS} | (wanted & {Stream.INDICES})
-        assert np.array_equal(content.codes, full.codes)
-        assert np.array_equal(content.slot_layers, full.slot_layers)
-        assert np.array_equal(content.indices, full.indices if Stream.INDICES in wanted else full.indices * 0)
-        for index, channel in enumerate(scene.model.channels):
-            expected = full.values[index] if channel.stream in needed else full.values[index] * 0
-            assert np.array_equal(content.values[index], expected)
 
 
 def four_channels() -> SceneModel:
@@ -113,40 +29,6 @@ def four_channels() -> SceneModel:
 def test_without_predictors_nothing_but_what_is_wanted_is_needed() -> None:
     wanted = {Stream.OPACITY, Stream.ROTATION}
     assert needed_streams(four_channels(), wanted) == wanted
-
-
-def reading(
-    new: int, streams: Mapping[Stream, bytes] | None = None, tables: Mapping[TableKey, SymbolTable] | None = None
-) -> TileContent:
-    """Layer 1 of a tile of :func:`four_channels`, from crafted streams."""
-
-    def open_stream(stream: Stream) -> SymbolReader:
-        return SymbolReader((streams or {}).get(stream, b""), tables or {})
-
-    model = four_channels()
-    content = TileContent.empty(model, new)
-    get_layer(model, 1, TileFrame(4), content, new, open_stream, ATTRIBUTES, (0, 0))
-    return content
-
-
-def test_streams_must_hold_what_the_directory_announces() -> None:
-    """Anchors without their positions, streams without anchors, streams that go on."""
-    assert len(reading(0)) == 0
-    refuses("missing-table", lambda: reading(1))
-    refuses("missing-table", lambda: reading(2))
-    some = b"\1\2\3\4"
-    refuses("rans-seal", lambda: reading(0, {Stream.SCALE: some}))
-    refuses("rans-seal", lambda: reading(0, {Stream.INDICES: some}))
-    refuses("rans-length", lambda: reading(0, {Stream.COLOUR: b"12345"}))
-    scene = random_scene(1, Profile.EXPLICIT, anchors=40, layers=1, tiles=1)
-    _, streams, tables = code_layer(scene, 1, 0)
-    frame, model = tile_frame(scene.fields, scene.tiles[0]), scene.model
-
-    def more(stream: Stream) -> SymbolReader:
-        return SymbolReader(some + streams[stream] if stream == Stream.SCALE else streams.get(stream, b""), tables)
-
-    sizes = scene.codebooks.sizes if scene.codebooks else (0, 0)
-    refuses("rans-seal", lambda: get_layer(model, 1, frame, TileContent.empty(model, 40), 40, more, ATTRIBUTES, sizes))
 
 
 def test_the_head_of_a_tile_is_the_tile_itself() -> None:

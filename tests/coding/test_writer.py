@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from conformance.surgery.files import blocks_of
 from fuzz.testing.scenes import random_scene
-from fuzz.testing.strategies import quantised_scenes
+from fuzz.testing.strategies import quantised_scenes, scenes
 from scarfmt.blocks.tables import unpack_tables
 from scarfmt.coding.tile import TileContent
 from scarfmt.coding.writer import QuantisedScene, keep_layers, layer_counts, write_scene
@@ -48,7 +48,7 @@ def test_scenes_come_back_and_equal_scenes_give_equal_bytes(scene: QuantisedScen
 
 
 @settings(deadline=None, max_examples=30)
-@given(quantised_scenes(max_layers=6), st.data())
+@given(scenes(max_layers=6), st.data())
 def test_truncating_equals_encoding_fewer_layers(scene: QuantisedScene, data: st.DataObject) -> None:
     """SPEC §14 for whole scenes, byte for byte; and keeping layers in two goes is keeping them at once."""
     layers = len(scene.model.layers)

@@ -23,14 +23,3 @@ def test_codes_are_the_definition_and_come_back(points: list[tuple[int, int, int
     codes = interleave(coordinates)
     assert codes.tolist() == [by_definition(point) for point in points]
     assert deinterleave(codes).tolist() == coordinates.tolist()
-
-
-def test_order_is_that_of_the_octree() -> None:
-    """All codes of a cube lie between its first and last."""
-    points = np.stack(np.meshgrid(*[np.arange(8)] * 3, indexing="ij"), axis=-1).reshape(-1, 3)
-    codes = interleave(points)
-    assert sorted(codes.tolist()) == list(range(512))
-    octant = points // 4
-    for corner in np.unique(octant, axis=0):
-        inside = np.sort(codes[(octant == corner).all(axis=1)])
-        assert int(inside[-1] - inside[0]) == 63

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from scarfmt.container.bytefields import ByteReader
@@ -55,6 +55,7 @@ def test_shifted_numbers_come_back(values: list[int], shift: int) -> None:
 
 
 @given(st.lists(st.integers(-3000, 3000) | st.integers(-(1 << 31) + 1, (1 << 31) - 1), max_size=40))
+@example([32767] + 400 * [0])
 def test_the_parameter_of_a_rice_code_is_the_cheapest(values: list[int]) -> None:
     """R-5.9-4: fewest bits, the smallest of equals."""
     mapped = [2 * value if value >= 0 else -2 * value - 1 for value in values]

@@ -69,6 +69,8 @@ def test_the_file_holds_floats_under_the_names_of_its_schema(tmp_path: Path) -> 
     np.testing.assert_array_equal(np.array(prim.GetAttribute("positions").Get()), scene.positions.astype(np.float32))
     real = np.array([q.GetReal() for q in prim.GetAttribute("orientations").Get()])
     np.testing.assert_allclose(real, scene.rotations[:, 0] / np.linalg.norm(scene.rotations, axis=1), atol=1e-6)
+    # USD takes a layer that does not say its unit for one of centimetres.
+    assert geometry.GetStageMetersPerUnit(stage) == 1
     # USD computes no extent of Gaussians: without one, the box of the scene is empty.
     box = geometry.BBoxCache(0, ["default"]).ComputeWorldBound(prim).ComputeAlignedRange()
     assert (np.array(box.GetMin()) < scene.positions.min(axis=0)).all()

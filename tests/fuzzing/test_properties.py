@@ -85,7 +85,10 @@ def test_every_prefix_is_refused_or_gives_whole_layers() -> None:
 def test_sound_files_are_valid_and_cut_files_decode_alike(scene: QuantisedScene) -> None:
     """decode(truncate(f, k)) == decode(f, layers=k), and both validate."""
     data = write_scene(scene)
-    assert validate(BytesSource(data)).valid
+    result = validate(BytesSource(data))
+    assert result.findings == []
+    assert result.layers_readable == result.layers_checked == result.layers_declared == len(scene.model.layers)
+    assert result.tiles_decoded == len(scene.tiles)
     for layers in range(1, len(scene.model.layers) + 1):
         cut = truncate(BytesSource(data), layers)
         assert validate(BytesSource(cut)).valid

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -10,25 +9,21 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from conformance.surgery.files import blocks_of, rebuilt
 from fuzz.testing.scenes import random_scene
 from fuzz.testing.strategies import quantised_scenes
 from reference_decoder.decode import DecodeRequest, decode, decode_scene, iter_tiles
 from reference_decoder.decoded import Decoded
-from scarfmt.blocks.layer import pack_layer
-from scarfmt.coding.writer import QuantisedScene, keep_layers, write_scene
+from scarfmt.coding.writer import QuantisedScene, write_scene
 from scarfmt.container import paged
 from scarfmt.container.directory import Entry
 from scarfmt.container.file import Container
 from scarfmt.container.schema import BlockKind, Profile, Stream
 from scarfmt.container.source import BytesSource
-from scarfmt.container.substreams import MAX_TABLE_SIZE
 from scarfmt.counters import Counters
-from scarfmt.errors import InvalidInput, LimitExceeded, Malformed
+from scarfmt.errors import InvalidInput, LimitExceeded
 from scarfmt.limits import Limits
 from scarfmt.scene.gaussians import GaussianScene
 from scarfmt.scene.streams import ATTRIBUTES
-from scarfmt.tools.truncate import truncate
 from scarfmt.tools.validate import validate
 from tests.samples.paged_samples import Recorded, in_pages
 
@@ -42,18 +37,6 @@ def assert_equal(a: Decoded, b: Decoded) -> None:
         assert (x is None) == (y is None)
         if x is not None and y is not None:
             assert (x.dtype, x.shape, x.tobytes()) == (y.dtype, y.shape, y.tobytes())
-
-
-@settings(deadline=None, max_examples=12)
-@given(quantised_scenes())
-def test_truncated_file_decodes_to_the_first_layers_of_the_whole(scene: QuantisedScene) -> None:
-    data = write_scene(scene)
-    for layers in range(1, len(scene.model.layers) + 1):
-        short = truncate(BytesSource(data), layers)
-        whole = decode(data, layers=layers)
-        assert whole.layers == layers
-        assert_equal(decode(short), whole)
-        assert_equal(decode(write_scene(keep_layers(scene, layers))), whole)
 
 
 @settings(deadline=None, max_examples=12)
@@ -100,23 +83,6 @@ def test_box_round_one_anchor_finds_it_also_at_the_edge_of_its_tile() -> None:
         for point in whole.positions[::7]:
             found = decode(data, box=(point, point))
             assert_equal(found, whole.take((whole.positions == point).all(axis=1)))
-
-
-def test_culled_tiles_are_not_read() -> None:
-    data = write_scene(random_scene(3, anchors=900, tiles=30))
-    whole = decode(data)
-    assert whole.positions is not None
-    point = whole.positions[0]
-    source, nothing = BytesSource(data), BytesSource(data)
-    decode(source, box=(point, point))
-    decode(nothing, box=(point + 1e9, point + 2e9))
-    everything = BytesSource(data)
-    decode(everything)
-    assert nothing.bytes_read < source.bytes_read < everything.bytes_read
-    # Header, tables and models only.
-    entries = Container(BytesSource(data)).entries
-    tile_bytes = sum(entry.length for entry in entries if entry.kind == BlockKind.TILE)
-    assert nothing.bytes_read == everything.bytes_read - tile_bytes
 
 
 def test_row_pages_that_are_not_needed_are_not_read(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -177,18 +143,6 @@ def test_attributes_are_those_of_the_whole_and_others_are_not_read(profile: Prof
         assert part.classes.tobytes() == whole.classes.tobytes()
 
 
-def test_latents_left_out_are_bytes_not_transferred() -> None:
-    """The point of sub-streams: a point cloud costs no spherical harmonics."""
-    data = write_scene(random_scene(2, anchors=4000, sh_degree=3))
-    container = Container(BytesSource(data))
-    indices = sum(layer.stream_bytes[Stream.INDICES] for layer in container.header.layers)
-    blocks = sum(entry.kind == BlockKind.TILE for entry in container.entries)
-    source = BytesSource(data)
-    decode(source, attributes=set(ATTRIBUTES) - {"latents"})
-    assert indices > blocks * MAX_TABLE_SIZE
-    assert source.bytes_read <= len(data) - indices + blocks * MAX_TABLE_SIZE
-
-
 def test_scene_of_a_partial_decode_says_what_is_missing() -> None:
     part = decode(write_scene(random_scene(1)), attributes={"positions", "opacity"})
     with pytest.raises(InvalidInput, match="rotations") as caught:
@@ -213,31 +167,6 @@ def test_arguments_that_do_not_fit_are_refused(arguments: dict[str, object], ref
     with pytest.raises(InvalidInput) as caught:
         decode(write_scene(random_scene(0)), **arguments)  # type: ignore[arg-type]
     assert caught.value.refusal == refusal
-
-
-def test_position_far_outside_its_tile_is_refused() -> None:
-    """Culling by tile boxes is right only if residuals cannot carry an anchor away: a forged step tries to."""
-    scene = next(s for s in (random_scene(seed) for seed in range(50)) if _has_residual(s))
-    model = scene.model
-    channels = (replace(model.channels[0], first_width=(400.0,) * 3), *model.channels[1:])
-    payload = pack_layer(model.layers[0], (channels, model.context))
-    data = rebuilt(
-        write_scene(scene),
-        [
-            replace(block, payload=payload) if (block.kind, block.layer) == (BlockKind.LAYER, 1) else block
-            for block in blocks_of(write_scene(scene))
-        ],
-    )
-    with pytest.raises(Malformed) as caught:
-        decode(data)
-    assert caught.value.refusal == "value-range"
-
-
-def _has_residual(scene: QuantisedScene) -> bool:
-    for index, channel in enumerate(scene.model.channels):
-        if channel.stream == Stream.POSITION_RESIDUAL:
-            return any(bool(content.values[index].any()) for content in scene.contents)
-    return False
 
 
 @settings(deadline=None, max_examples=20)

@@ -7,6 +7,7 @@ from functools import lru_cache
 
 import pytest
 
+from conformance.scenes.edge_scenes import edge_cases
 from conformance.scenes.made import build, static_plans, worked_scene
 from conformance.scenes.neural_scenes import neural_plans
 from conformance.surgery.files import COMPRESSED, blocks_of, content_of
@@ -43,6 +44,17 @@ def test_with_its_tables_the_file_is_the_reference_writers(name: str) -> None:
     """Byte for byte: all but the choice of tables and frames follows from the scene."""
     expected, options = reference_parts(scene_of(name))
     assert write_file(scene_of(name), options) == expected
+
+
+def test_scenes_at_the_edges_of_the_format_are_packed_alike() -> None:
+    """The largest and least models, tables and values: what the suite packs, its vectors unpack."""
+    wrong = []
+    for case in edge_cases():
+        assert case.scene is not None
+        expected, options = reference_parts(case.scene)
+        if write_file(case.scene, options) != expected:
+            wrong.append(case.id)
+    assert wrong == []
 
 
 def test_the_worked_file_does_not_depend_on_who_writes_it() -> None:
