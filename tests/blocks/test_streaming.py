@@ -6,8 +6,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from fuzz.testing.scenes import random_scene
 from scarfmt.blocks.streaming import (
@@ -15,7 +13,6 @@ from scarfmt.blocks.streaming import (
     View,
     pack_streaming,
     read_streaming,
-    unpack_streaming,
 )
 from scarfmt.coding.writer import write_scene
 from scarfmt.container.file import Container
@@ -41,19 +38,6 @@ def equal(a: Streaming, b: Streaming) -> bool:
 
 def opened(data: bytes) -> Container:
     return Container(BytesSource(data))
-
-
-@given(st.integers(0, 40), st.booleans(), st.integers(0, 99))
-def test_values_come_back(tiles: int, view: bool, seed: int) -> None:
-    """Every number, also of none."""
-    made = random_boxes(tiles, VIEW if view else None, seed)
-    found = unpack_streaming(pack_streaming(made))
-    for name in ("low", "high", "reach"):
-        assert np.array_equal(getattr(found, name), getattr(made, name)), name
-    assert (found.tiles, found.view is None) == (tiles, not view)
-    if found.view is not None:
-        assert found.view.fov == 0.75
-        assert found.view.position.tolist() == [1.0, 2.0, 3.0]
 
 
 @pytest.mark.parametrize("profile", list(Profile))

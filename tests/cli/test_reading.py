@@ -144,7 +144,8 @@ def test_validate_as_json(run: Run, explicit_scar: Path) -> None:
     assert result.exit_code == 1
     assert document["valid"] is False
     assert document["layers_available"] == 2
-    assert [finding["refusal"] for finding in document["findings"]] == ["truncated-file"]
+    found = [(finding["refusal"], finding["offset"]) for finding in document["findings"]]
+    assert found == [("truncated-file", explicit_scar.stat().st_size - 1)]
 
 
 def test_validate_can_be_quiet(run: Run, explicit_scar: Path) -> None:

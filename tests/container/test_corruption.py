@@ -69,30 +69,21 @@ def test_every_flipped_bit_is_noticed(profile: Profile) -> None:
     assert unnoticed == []
 
 
-def amplifying_file(profile: Profile, anchors: int, slots: int = 1) -> bytes:
+def amplifying_file(anchors: int, slots: int) -> bytes:
     """Equal anchors cost next to nothing: a file of about 2 KiB for any number of them."""
-    anchor = profile == Profile.ANCHOR
-    scales = 6 if anchor else 3
-    channels = [Channel(Stream.SCALE, (0.5,) * scales)]
-    channels.append(Channel(Stream.LATENT, (0.5,) * 64))
-    if anchor:
-        channels.append(Channel(Stream.OFFSETS, (0.1,) * 3))
-    row = LayerRow((0,), ((1,) * len(channels),))
-    model = SceneModel(profile, slots, tuple(channels), (row,))
-    contents = []
-    for first in range(0, anchors, 65536):
-        contents.append(TileContent.empty(model, min(65536, anchors - first)))
-        contents[-1].slot_layers[:] = 1
-    decoder = _net(64, 1 if anchor else 3)
-    nets = tuple(_net(4, 1, outputs * slots) for outputs in OUTPUTS_PER_SLOT) if anchor else ()
-    fields = HeaderFields(profile, 0, slots, 4, (0.0, 0.0, 0.0), 1.0, anchors)
-    tiles = tuple(Tile(4, 0, prefix) for prefix in range(len(contents)))
-    return write_scene(QuantisedScene(fields, model, tiles, tuple(contents), None, decoder, nets))
+    steps = {Stream.SCALE: (0.5,) * 6, Stream.LATENT: (0.5,) * 64, Stream.OFFSETS: (0.1,) * 3}
+    channels = tuple(Channel(stream, step) for stream, step in steps.items())
+    model = SceneModel(Profile.ANCHOR, slots, channels, (LayerRow((0,), ((1,) * len(channels),)),))
+    content = TileContent.empty(model, anchors)
+    content.slot_layers[:] = 1
+    nets = tuple(_net(4, 1, outputs * slots) for outputs in OUTPUTS_PER_SLOT)
+    fields = HeaderFields(Profile.ANCHOR, 0, slots, 4, (0.0, 0.0, 0.0), 1.0, anchors)
+    return write_scene(QuantisedScene(fields, model, (Tile(4, 0, 0),), (content,), None, _net(64, 1), nets))
 
 
 def test_a_small_file_asks_for_little_memory() -> None:
     """8,000 anchors of 32 slots in 2 KiB: what a file may ask for beside its bytes, and no more."""
-    data = amplifying_file(Profile.ANCHOR, 8000, 32)
+    data = amplifying_file(8000, 32)
     assert len(data) < 4096
     tracemalloc.start()
     decode(data)

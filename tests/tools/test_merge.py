@@ -69,11 +69,6 @@ def refused(files: list[bytes]) -> str:
     return caught.value.refusal
 
 
-def test_the_same_tile_twice_is_refused() -> None:
-    first, _ = halves(FILES[Profile.EXPLICIT])
-    assert refused([first, first]) == "input-overlap"
-
-
 def test_other_models_are_refused() -> None:
     """The indices and tables of the other file would mean something else."""
     scene = random_scene(3, Profile.EXPLICIT, tiles=8)

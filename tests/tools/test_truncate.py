@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from scarfmt.container.file import Block, Container, write_container
 from scarfmt.container.schema import READABLE_KINDS, BlockFlag
 from scarfmt.container.source import BytesSource
-from scarfmt.errors import InvalidInput, Malformed, Truncated, Unsupported
+from scarfmt.errors import Malformed, Truncated, Unsupported
 from scarfmt.limits import FORMAT_LIMITS
 from scarfmt.tools import assemble
 from scarfmt.tools.truncate import truncate, truncate_to
@@ -41,13 +41,6 @@ def test_truncating_equals_writing_fewer_layers(arguments: tuple, data: st.DataO
     assert truncate(BytesSource(whole), layers, limits=FORMAT_LIMITS) == fewer
 
 
-def test_truncating_in_steps_equals_truncating_at_once() -> None:
-    """The result depends on the layers kept only."""
-    data = sample_file()
-    assert truncate(BytesSource(truncate(BytesSource(data), 2)), 1) == truncate(BytesSource(data), 1) == sample_file(1)
-    assert truncate(BytesSource(data), 3) == data
-
-
 def test_unknown_blocks_are_copied_only_when_that_is_safe() -> None:
     """An editor cannot know what an unsafe annotation says about the dropped layers."""
     safe = Block(PRIVATE_SAFE, 1, b"safe", flags=BlockFlag.SAFE_TO_COPY)
@@ -66,14 +59,6 @@ def test_unknown_critical_blocks_stop_the_editor() -> None:
     with pytest.raises(Unsupported) as caught:
         truncate(BytesSource(data), 1)
     assert caught.value.refusal == "unknown-critical-block"
-
-
-@pytest.mark.parametrize("layers", [-1, 0, 4])
-def test_layers_that_do_not_exist_are_invalid_input(layers: int) -> None:
-    """The message names how many there are."""
-    with pytest.raises(InvalidInput, match="3 layers") as caught:
-        truncate(BytesSource(sample_file()), layers)
-    assert caught.value.refusal == "input-layers"
 
 
 def test_damage_is_not_copied() -> None:
