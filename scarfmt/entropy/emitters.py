@@ -18,7 +18,7 @@ import numpy as np
 from scarfmt.arrays import F64, I32, I64, U8, Ints
 from scarfmt.entropy.grouping import by_context
 from scarfmt.entropy.keys import TableKey
-from scarfmt.entropy.rans import PRECISION, RansEncoder, cached_uniform, uncoded
+from scarfmt.entropy.rans import RansEncoder, cached_uniform, uncoded
 from scarfmt.entropy.symbol_tables import SymbolTable
 from scarfmt.errors import InvalidInput
 from scarfmt.native.binding import library
@@ -76,7 +76,6 @@ class SymbolCounter(Emitter):
         self._waiting: dict[TableKey, list[Ints]] = {}
         self._cells, self._used = np.zeros((0, 2), np.int64), c_int64(0)
         self.uniform_bits = 0.0
-        self.modelled_bits = 0.0
 
     def emit(self, key: TableKey, values: Ints) -> None:
         if len(values):
@@ -87,8 +86,7 @@ class SymbolCounter(Emitter):
         self.uniform_bits += len(values) * math.log2(size)
 
     def emit_rows(self, weights: F64, values: Ints) -> None:
-        frequencies = weights[np.arange(len(values)), values] + 1
-        self.modelled_bits += float((PRECISION - np.log2(frequencies)).sum())
+        """Rows need no table: there is nothing to count."""
 
     def count(self, groups: I64, contexts: U8, values: I32) -> None:
         """Count the symbols of groups, as :func:`emit_groups` would."""
