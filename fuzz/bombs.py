@@ -101,9 +101,18 @@ def build(
 SCALE = (Stream.SCALE, 3)
 
 
-def _mlp(*widths: int) -> bytes:
+def _network(*widths: int) -> QuantisedMlp:
     pairs = itertools.pairwise(widths)
-    return pack_networks((QuantisedMlp(tuple(Linear.quantised(np.ones((b, a)), np.zeros(b)) for a, b in pairs)),))
+    return QuantisedMlp(tuple(Linear.quantised(np.ones((b, a)), np.zeros(b)) for a, b in pairs))
+
+
+def _mlp(*widths: int) -> bytes:
+    return pack_networks((_network(*widths),))
+
+
+def _divided(anchors: int) -> list[int]:
+    """Anchors of each tile, as many in a tile as there can be."""
+    return [min(65536, anchors - first) for first in range(0, anchors, 65536)]
 
 
 def _filler(size: int) -> list[tuple[int, int, bytes, int]]:
@@ -130,31 +139,27 @@ def many_steps(anchors: int, size: int, wide: int = 64) -> bytes:
     row = LayerRow((0,), ((1, 20),))
     model = SceneModel(Profile.EXPLICIT, 1, channels(SCALE, (Stream.LATENT, wide)), (row,))
     decoder = (BlockKind.DECODER_MLP, 1, _mlp(wide, 3), 1)
-    counts = [min(65536, anchors - first) for first in range(0, anchors, 65536)]
-    return build(model, counts, tables=zero_tables(model), models=[decoder, *_filler(size)])
+    return build(model, _divided(anchors), tables=zero_tables(model), models=[decoder, *_filler(size)])
 
 
 def wide_decoder(anchors: int, size: int) -> bytes:
     """A latent decoder of four layers of 1024 for many anchors."""
     model = SceneModel(Profile.EXPLICIT, 1, channels(SCALE, (Stream.LATENT, 64)), (LayerRow((0,), ((1, 1),)),))
     decoder = (BlockKind.DECODER_MLP, 1, _mlp(64, 1024, 1024, 1024, 3), 1)
-    counts = [min(65536, anchors - first) for first in range(0, anchors, 65536)]
-    return build(model, counts, tables=zero_tables(model), models=[decoder, *_filler(size)])
+    return build(model, _divided(anchors), tables=zero_tables(model), models=[decoder, *_filler(size)])
 
 
 def _drawn(anchors: int, slots: int, features: int, size: int) -> bytes:
     """Anchors of so many slots, all turned on, whose networks take so many features and no direction beyond three."""
     wanted = ((Stream.SCALE, 6), (Stream.LATENT, 1), (Stream.OFFSETS, 3))
     model = SceneModel(Profile.ANCHOR, slots, channels(*wanted), (LayerRow((0,), ((1, 1, 1),)),))
-    nets = [QuantisedMlp(tuple(Linear.quantised(np.ones((b, a)), np.zeros(b))
-                               for a, b in ((features + 3, 1), (1, k * slots)))) for k in (1, 7, 3)]  # fmt: skip
+    nets = tuple(_network(features + 3, 1, outputs * slots) for outputs in (1, 7, 3))
     blocks = [(BlockKind.DECODER_MLP, 1, _mlp(1, features), 1)]
-    blocks.append((BlockKind.SCENE_MLP, 1, pack_networks(tuple(nets)), 3))
-    counts = [min(65536, anchors - first) for first in range(0, anchors, 65536)]
+    blocks.append((BlockKind.SCENE_MLP, 1, pack_networks(nets), 3))
     tables = zero_tables(model)
     if slots > 1:
         tables.update({key: one_symbol(1) for key in tables if key.stream == Stream.MASKS})
-    return build(model, counts, tables=tables, models=[*blocks, *_filler(size)])
+    return build(model, _divided(anchors), tables=tables, models=[*blocks, *_filler(size)])
 
 
 def wide_features(anchors: int, size: int) -> bytes:
@@ -210,10 +215,8 @@ def large_grid(size: int) -> bytes:
     rng = np.random.default_rng(3)
     books = Codebooks(rng.integers(-9, 9, (4, 2)), np.zeros((0, 2), np.int64))
     model = SceneModel(Profile.EXPLICIT, 1, channels(SCALE), (LayerRow((1,), ((1,),), True),), DecodedContext(0, (4,)))
-    levels = b"".join(bytes(map(int, ())) + unsigned_varint(0) + unsigned_varint(65535) + unsigned_varint(19)
-                      + unsigned_varint(8) for _ in range(4))  # fmt: skip
-    grid = unsigned_varint(0) * 3 + unsigned_varint(32) + unsigned_varint(4) + levels
-    grid += (b"\x80" + bytes(4)) * 4
+    level = b"".join(map(unsigned_varint, (0, 65535, 19, 8)))
+    grid = b"".join(map(unsigned_varint, (0, 0, 0, 32, 4))) + 4 * level + 4 * (b"\x80" + bytes(4))
     network = random_network(rng, books, Inputs(1, True, 3, 1, 0, 0, 32), stages=1, two_level=False)
     blocks = [
         (BlockKind.DECODER_MLP, 1, _mlp(2, 3), 1),

@@ -30,7 +30,6 @@ def random_network(
     gru_layers: int = 1,
     mixed: int | None = None,
     codeword_dims: int | None = None,
-    cluster_size: int | None = None,
     edge: bool = False,
     pre_activation: float = 96,
 ) -> IndexNetwork:
@@ -40,13 +39,12 @@ def random_network(
         stages: of the scene.
         mixed: Y, by default `hidden`.
         codeword_dims: R, by default up to 6 of the latent's dimensions.
-        cluster_size: equal clusters of this size; by default random sizes, also 1.
         edge: biases bring every accumulator to exactly the largest reach allowed.
         pre_activation: typical size of the recurrent layers' products; tanh and sigmoid end at 255.
     """
     dims = min(books.dimension, 6) if codeword_dims is None else codeword_dims
     words = [book for book in (books.coarse, books.residual) if len(book)]
-    clusters = tuple(random_clusters(rng, len(book), cluster_size) if two_level else () for book in words)
+    clusters = tuple(random_clusters(rng, len(book)) if two_level else () for book in words)
     widths = hidden + 1, hidden, hidden if mixed is None else mixed
     plan = NetworkPlan(activation_bits, widths, dims, gru_layers, gate=int(pre_activation), clusters=clusters,
                        attention=attention, edge=edge)  # fmt: skip
@@ -65,9 +63,7 @@ def _codeword_shift(books: list[np.ndarray], amax: int) -> int:
     raise AssertionError("codewords that fit no shift")
 
 
-def random_clusters(rng: np.random.Generator, codewords: int, size: int | None = None) -> tuple[int, ...]:
-    """Sizes of clusters that hold so many codewords, equal ones if `size` is given."""
-    if size is not None:
-        return (size,) * (codewords // size)
+def random_clusters(rng: np.random.Generator, codewords: int) -> tuple[int, ...]:
+    """Random sizes, also 1, of clusters that hold so many codewords."""
     cuts = rng.choice(codewords, rng.integers(0, min(codewords, 12)), replace=False)
     return tuple(np.diff(np.unique(np.concatenate(([0], cuts, [codewords])))).tolist())
