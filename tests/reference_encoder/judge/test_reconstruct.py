@@ -74,7 +74,10 @@ def test_previews_hold_the_classes_they_say() -> None:
     assert abs(len(half) - sizes[0] - sizes[1] / 2) <= NEIGHBOURS / 2
     assert not whole.sh[:, 1:].any()
     finest = [tuple(9 for _ in trial.curves)] * len(sizes)
-    assert preview.reconstruct(finest).sh[:, 1:].any()
+    fine = preview.reconstruct(finest)
+    assert fine.sh[:, 1:].any()
+    places, true = np.sort(fine.positions, axis=0), np.sort(trial.problem.positions, axis=0)
+    np.testing.assert_allclose(places, true, atol=1e-3 * trial.problem.placement.cell.min())
 
 
 def test_previews_of_the_last_layer_are_near_what_is_decoded() -> None:

@@ -45,6 +45,7 @@ def test_a_metric_makes_latent_distance_the_metrics_distance() -> None:
     metric = factor @ factor.T + np.eye(9)
     latent = fit_latent(x + 4, np.ones(len(x)), 1e-3, metric)
     assert latent is not None
+    assert np.abs(latent.decoder.apply(latent.values) - x - 4).max() < 5e-3 * np.abs(x).max()
     moved = latent.values + np.float32([3, -2, 1])
     change = latent.decoder.apply(moved, np.float64) - latent.decoder.apply(latent.values, np.float64)
     expected = np.einsum("ni,ij,nj->n", change, metric, change)
