@@ -19,8 +19,8 @@ from scarfmt.native.binding import absence
 
 REPOSITORY = Path(__file__).resolve().parents[1]
 FIELD = "provenance"
-MEASURED, FROM_HISTORY = "while measuring", "from history"
-"""Values of a run's ``recorded``: written by the run itself, or found later in the history of the file of results."""
+MEASURED = "while measuring"
+"""Value of a run's ``recorded``: written by the run itself."""
 EVERYTHING = "everything"
 _PACKAGES = ("numpy", "torch", "numba")
 _DIGITS = 12

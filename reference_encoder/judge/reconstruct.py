@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -34,14 +34,13 @@ _ROWS = 16384
 def reconstruct_gaussians(scene: QuantisedScene) -> GaussianScene:
     """The Gaussians of the last layer of an explicit file, in file order."""
     described, degree = Description.of_header(scene.fields), scene.fields.sh_degree
-    made = allocate_scene(sum(map(len, scene.contents)), degree, described)
-    first = 0
-    for tile, content in zip(scene.tiles, scene.contents, strict=True):
+
+    def tile_scene(tile: Tile, content: TileContent) -> GaussianScene:
         at, values, codewords = _tile_values(scene, tile, content)
-        rows = made.rows(slice(first, first + len(content)))
-        rows.assign(explicit_scene(at, values, degree, scene.decoder, codewords, described))
-        first += len(content)
-    return made
+        return explicit_scene(at, values, degree, scene.decoder, codewords, described)
+
+    room = allocate_scene(sum(map(len, scene.contents)), degree, described)
+    return _join(room, map(tile_scene, scene.tiles, scene.contents))
 
 
 def reconstruct_anchors(scene: QuantisedScene) -> AnchorModel:
@@ -100,13 +99,12 @@ class PreviewScene:
         """
         here = [self._slice(number, part) for number, part in enumerate([1.0] * len(steps) if parts is None else parts)]
         total = sum(rows.stop - rows.start for rows in here)
-        made, first = allocate_scene(total, self.problem.sh_degree, self.problem.description), 0
-        for received, rows in zip(np.array(steps), here, strict=True):
-            for start in range(rows.start, rows.stop, _ROWS):
-                part = self._rows(received, slice(start, min(start + _ROWS, rows.stop)))
-                made.rows(slice(first, first + len(part))).assign(part)
-                first += len(part)
-        return made
+        drawn = (
+            self._rows(received, slice(start, min(start + _ROWS, rows.stop)))
+            for received, rows in zip(np.array(steps), here, strict=True)
+            for start in range(rows.start, rows.stop, _ROWS)
+        )
+        return _join(allocate_scene(total, self.problem.sh_degree, self.problem.description), drawn)
 
     def _rows(self, received: I64, rows: slice) -> GaussianScene:
         """Some anchors of a class that has received so many steps of each channel, values simply rounded."""
@@ -126,6 +124,16 @@ class PreviewScene:
         """Where the given part of a class is."""
         first, past = self.bounds[number : number + 2]
         return slice(first, first + int(np.searchsorted(self.rank[first:past], part)))
+
+
+def _join(room: GaussianScene, parts: Iterable[GaussianScene]) -> GaussianScene:
+    """`room`, filled with the Gaussians of the parts: only one of these is held at a time."""
+    first = 0
+    for part in parts:
+        room.rows(slice(first, first + len(part))).assign(part)
+        first += len(part)
+        del part  # before the next is made
+    return room
 
 
 def _tile_values(scene: QuantisedScene, tile: Tile, content: TileContent) -> tuple[F64, dict[Stream, F32], Codewords]:
