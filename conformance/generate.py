@@ -26,7 +26,6 @@ from conformance.expect.json_text import json_text
 from conformance.faults.catalogue import invalid_files
 from conformance.faults.container_faults import container_faults
 from conformance.faults.either_cases import either_cases
-from conformance.faults.huffman_cases import huffman_cases
 from conformance.faults.limit_faults import limit_faults
 from conformance.faults.metadata_faults import metadata_faults
 from conformance.faults.stream_faults import stream_faults
@@ -80,7 +79,6 @@ def _all_cases() -> Iterator[Case]:
     yield from work_pairs()
     yield from either_cases(files)
     yield from streaming_either()
-    yield from huffman_cases()
     yield from (with_origin(case, by_name) for case in truncated_cases(files))
 
 

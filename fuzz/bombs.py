@@ -24,7 +24,7 @@ from scarfmt.blocks.layer import pack_layer
 from scarfmt.blocks.mlp import Linear, QuantisedMlp, pack_networks
 from scarfmt.blocks.predictors import pack_predictors
 from scarfmt.blocks.tables import pack_tables
-from scarfmt.container.bytefields import compress, unsigned_varint
+from scarfmt.container.bytefields import unsigned_varint
 from scarfmt.container.file import Block, HeaderFields, Tile, write_container
 from scarfmt.container.schema import BlockKind, Profile, Stream
 from scarfmt.container.substreams import pack_substreams
@@ -91,7 +91,7 @@ def build(
         for number, row in enumerate(model.layers, start=1)
     ]
     if tables:
-        blocks.append(Block(BlockKind.TABLES, 1, compress(pack_tables(tables)), count=len(tables)))
+        blocks.append(Block(BlockKind.TABLES, 1, pack_tables(tables), count=len(tables)))
     blocks += [Block(kind, layer, payload, count=count) for kind, layer, payload, count in models]
     blocks += [Block(BlockKind.TILE, 1, tile, n, count) for n, count in enumerate(counts) if count]
     total = sum(counts)
@@ -103,7 +103,8 @@ SCALE = (Stream.SCALE, 3)
 
 def _network(*widths: int) -> QuantisedMlp:
     pairs = itertools.pairwise(widths)
-    return QuantisedMlp(tuple(Linear.quantised(np.ones((b, a)), np.zeros(b)) for a, b in pairs))
+    flat = ((np.ones((b, a), np.int16), np.ones(b, np.float32), np.zeros(b, np.float32)) for a, b in pairs)
+    return QuantisedMlp(tuple(Linear(*layer) for layer in flat))
 
 
 def _mlp(*widths: int) -> bytes:
@@ -143,9 +144,9 @@ def many_steps(anchors: int, size: int, wide: int = 64) -> bytes:
 
 
 def wide_decoder(anchors: int, size: int) -> bytes:
-    """A latent decoder of four layers of 1024 for many anchors."""
+    """A latent decoder of as many weights as there may be, for many anchors."""
     model = SceneModel(Profile.EXPLICIT, 1, channels(SCALE, (Stream.LATENT, 64)), (LayerRow((0,), ((1, 1),)),))
-    decoder = (BlockKind.DECODER_MLP, 1, _mlp(64, 1024, 1024, 1024, 3), 1)
+    decoder = (BlockKind.DECODER_MLP, 1, _mlp(64, 950, 1024, 3), 1)
     return build(model, _divided(anchors), tables=zero_tables(model), models=[decoder, *_filler(size)])
 
 
@@ -258,11 +259,11 @@ BOMBS: dict[str, Callable[[], bytes]] = {
     "many steps, small file": lambda: many_steps(9_000, 0),
     "many steps": lambda: many_steps(200_000, MIB - 5000),
     "many steps, one component": lambda: many_steps(1_000_000, MIB - 5000, 1),
-    "wide decoder": lambda: wide_decoder(27_000, MIB - 5000),
+    "wide decoder": lambda: wide_decoder(55_000, MIB - 5000),
     "wide features": lambda: wide_features(65_536, 0),
     "wide features, large file": lambda: wide_features(65_000, MIB - 9000),
     "many slots": lambda: many_slots(260_000, 32, MIB - 9000),
-    "large tables": lambda: large_tables(1100, 4096, MIB - 9000),
+    "large tables": lambda: large_tables(270, 4096, MIB - 9000),
     "many tables": lambda: large_tables(65_000, 1, MIB - 130_000),
     "deep network": lambda: deep_network(2600, 0),
     "shallow network": lambda: shallow_network(15_000, MIB - 55_000, 150),

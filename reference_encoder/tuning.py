@@ -288,7 +288,7 @@ PREDICTOR_SAMPLE_BYTES = 1 << 28
 PREDICTOR_LEAST_SYMBOLS = 4000
 """Fewer symbols never pay for a network [0009]."""
 PREDICTOR_TABLE_BITS, PREDICTOR_ENTRY_BITS = 24.0, 6.0
-"""Bits of a table and of one of its entries after Zstandard [0009]."""
+"""Bits of a table and of one of its entries [0009]."""
 PREDICTOR_UNITS = (8, 3, 0)
 """Hidden units tried [0009]."""
 PREDICTOR_ITERATIONS = 800

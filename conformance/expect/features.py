@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from conformance.decoders.python.decoder import Decoder
-from conformance.decoders.python.fields import LATENT, parse_tables
+from conformance.decoders.python.fields import LATENT
+from conformance.decoders.python.models import parse_tables
 from conformance.decoders.python.tile import NAMES
 
 _KNOWN_KINDS = (1, 2, 3, 4, 5, 6, 7, 8, 15, 16, 64)

@@ -5,10 +5,11 @@ from __future__ import annotations
 import zlib
 from collections.abc import Iterator
 
-from conformance.faults.block_faults import codebook_faults, decoder_faults, idle_faults, scene_faults, table_faults
+from conformance.faults.block_faults import codebook_faults, decoder_faults, idle_faults, scene_faults
 from conformance.faults.grid_faults import grid_faults
 from conformance.faults.layer_faults import layer_faults
 from conformance.faults.network_faults import network_faults, place_faults
+from conformance.faults.number_faults import number_faults, table_faults
 from conformance.faults.predictor_faults import predictor_faults
 from conformance.faults.rice_faults import rice_faults
 from conformance.scenes.cases import Case, Fault, refused
@@ -19,7 +20,6 @@ from conformance.surgery.files import (
     changed,
     copied,
     rebuilt,
-    reframed,
     substream_bytes,
     with_substream,
     without,
@@ -45,7 +45,7 @@ def invalid_files(files: Files) -> Iterator[Case]:
     yield from (refused(*fault, stage="container") for fault in _front_faults(base))
     yield from (refused(*fault, stage="tiles") for fault in _block_faults(base))
     yield from (refused(*fault, stage="models") for fault in _payload_faults(base))
-    yield from (refused(*fault, stage="models") for fault in _model_faults(base, data["anchors"], small))
+    yield from (refused(*fault, stage="models") for fault in _model_faults(base, data["anchors"]))
     yield from (refused(*fault, stage="tiles") for fault in _symbol_faults(base, small))
     yield from rice_faults(small, data["index-equal"])
     yield from _block_by_block(files, data)
@@ -57,6 +57,7 @@ def _block_by_block(files: Files, data: dict[str, bytes]) -> Iterator[Case]:
     for faults in (
         layer_faults(files["explicit-refined"], files["anchors-32-slots"], static, data["predictors"],
                      data["predictors-alone"]),
+        number_faults(static[0], data["anchors"]),
         table_faults(static[0]),
         codebook_faults(static[0], data["explicit-refined"]),
         decoder_faults(static[0], data["explicit-refined"]),
@@ -110,13 +111,6 @@ def _payload_faults(base: bytes) -> Iterator[Fault]:
            changed(base, layer, 2, append()))
     long = changed(base, layer, 2, lambda payload: payload[:1] + bytes([payload[1] | 0x80, 0]) + payload[2:])
     yield "long-varint", "a varint with a superfluous byte", "R-5.7-1", "bad-varint", long
-    yield ("frame-tail", "a byte after the Zstandard frame", "R-5.8-4", "bad-zstd",
-           reframed(base, BlockKind.TABLES, append()))
-    yield ("frame-size", "the frame states one byte more than it holds", "R-5.8-4", "bad-zstd",
-           reframed(base, BlockKind.TABLES, _larger_size))
-    huge = bytes.fromhex("28b52ffd a0") + ((64 << 20) + 1).to_bytes(4, "little") + b"\1\0\0"
-    yield ("frame-too-large", "a TABLES frame that states 64 MiB and a byte", "R-5.8-2", "content-limit",
-           reframed(base, BlockKind.TABLES, lambda _: huge))
 
 
 def _wrong_crc(payload: bytes) -> bytes:
@@ -127,13 +121,7 @@ def _wrong_crc(payload: bytes) -> bytes:
     return bytes(out)
 
 
-def _larger_size(frame: bytes) -> bytes:
-    # The frame is a stored one of 256..65791 bytes: its size field is the two bytes after magic and descriptor.
-    assert frame[4] == 0x60
-    return frame[:5] + (int.from_bytes(frame[5:7], "little") + 1).to_bytes(2, "little") + frame[7:]
-
-
-def _model_faults(base: bytes, anchors: bytes, small: bytes) -> Iterator[Fault]:
+def _model_faults(base: bytes, anchors: bytes) -> Iterator[Fault]:
     yield ("channels-descend", "POSITION_RESIDUAL became COLOUR, before SCALE", "R-6.4-1", "bad-channel",
            changed(base, BlockKind.LAYER, 1, splice(2, bytes([Stream.COLOUR]))))
     yield ("steps-taken-back", "a class has fewer steps than in the layer before", "R-6.5-2", "bad-layer-table",
@@ -149,8 +137,6 @@ def _model_faults(base: bytes, anchors: bytes, small: bytes) -> Iterator[Fault]:
     books[0][0, 0] = MAX_VALUE + 1
     yield ("codeword-large", "a component of 65536", "R-7.8-1", "bad-codebook",
            changed(base, BlockKind.CODEBOOKS, 1, lambda _: codebooks_block(books)))
-    yield ("weight-zero", "a weight of 0", "R-8.3-1", "bad-table",
-           changed(small, BlockKind.TABLES, 1, splice(-1, b"\0")))
 
 
 def _symbol_faults(base: bytes, small: bytes) -> Iterator[Fault]:

@@ -13,7 +13,6 @@ from collections.abc import Iterator, Mapping
 from conformance.faults.page_faults import page_faults
 from conformance.faults.precedence import precedence_cases
 from conformance.faults.root_faults import root_faults
-from conformance.faults.zstd_faults import zstd_faults
 from conformance.scenes.cases import Case, Fault, refused
 from conformance.scenes.container_scenes import anchor_file, paged_file, plain_file
 from conformance.spec.spec_text import size_of
@@ -36,7 +35,7 @@ _RESERVED = frozenset({"bad-reserved", "bad-profile", "bad-coordinate-frame", "b
 
 
 def container_faults(_files: Mapping[str, bytes]) -> Iterator[Case]:
-    """One case for each way of breaking a rule of §5.1 to §5.6 or §5.8 that a careless reader would not see.
+    """One case for each way of breaking a rule of §5.1 to §5.6 that a careless reader would not see.
 
     The valid vectors are not needed: the bases are smaller than most of them.
     """
@@ -49,7 +48,6 @@ def container_faults(_files: Mapping[str, bytes]) -> Iterator[Case]:
     yield from root_faults()
     yield from page_faults()
     yield from _block_faults(plain)
-    yield from zstd_faults(plain)
     yield from precedence_cases(plain, paged_file())
 
 

@@ -6,7 +6,6 @@ from collections.abc import Iterator
 
 from conformance.scenes.cases import Case, Fault, refused
 from conformance.surgery.edit import Changes, append, more, splice
-from conformance.surgery.files import stored_frame
 from conformance.surgery.parts import (
     TILE_KIND,
     Parts,
@@ -114,9 +113,9 @@ def _block_faults(base: bytes) -> Iterator[Fault]:
            "crc-mismatch", broken(first, entry_with(_TABLES, 2, crc32=more)))
     yield ("models", "the content of LAYER in layer 2 before the CRC of a TILE block in layer 1", "R-5.7-2",
            "payload-long", broken(second, entry_with(TILE_KIND, crc32=more)))
-    yield ("layer-by-layer", "TABLES of layer 1 before LAYER of layer 2", "R-5.8-4", "bad-zstd",
+    yield ("layer-by-layer", "TABLES of layer 1 before LAYER of layer 2", "R-8.2-1", "rans-length",
            remade(base, _bad_tables_and_layer))
-    yield ("tables-codebooks", "TABLES of layer 2 before CODEBOOKS of layer 1", "R-5.7-2", "payload-long",
+    yield ("tables-codebooks", "TABLES of layer 2 before CODEBOOKS of layer 1", "R-8.2-1", "rans-last-word",
            remade(base, _bad_tables_and_books))
 
 
@@ -126,5 +125,5 @@ def _bad_tables_and_layer(parts: Parts) -> None:
 
 
 def _bad_tables_and_books(parts: Parts) -> None:
-    parts.put(_TABLES, 2, lambda _: stored_frame(b"\0\0"))
+    parts.put(_TABLES, 2, lambda _: bytes(4))
     parts.put(_CODEBOOKS, 1, lambda _: b"\0")

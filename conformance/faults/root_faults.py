@@ -151,8 +151,8 @@ def _number_faults(plain: bytes, base: bytes) -> Iterator[Fault]:
     rows: tuple[tuple[str, str, tuple[str, str], bytes, Changes], ...] = (
         ("entry-kind-tile", "a TILE block among the blocks of no tile", ("R-5.4-4", "entry-kind"), plain,
          {"root.models.0.-1.kind": TILE_KIND}),
-        ("entry-length-beyond", f"the last block of no tile has {len(plain) + 1} bytes", length, plain,
-         {"root.models.1.-1.length": len(plain) + 1}),
+        ("entry-length-beyond", f"the last block of no tile has {2 * len(plain)} bytes", length, plain,
+         {"root.models.1.-1.length": 2 * len(plain)}),
         ("entry-length-top", f"the last block of no tile has {_MOST} bytes", length, plain,
          {"root.models.1.-1.length": _MOST}),
         ("page-gap-none", "page 2 begins where page 1 does", order, base, {"root.pages.2.gap": 0}),

@@ -11,13 +11,15 @@ from dataclasses import replace
 
 import numpy as np
 
-from conformance.faults.table_records import Record, Records, number, valued, with_tables
+from conformance.decoders.python.fields import key
+from conformance.faults.table_records import Records, valued, with_tables
 from conformance.scenes.cases import Case, Fault, refused
 from conformance.scenes.made import Plan, build, channel
 from conformance.scenes.neural_models import PredictorPlan
 from conformance.surgery.edit import replaced
 from conformance.surgery.files import blocks_of, layer_counts_of, rebuilt, tile_parts, vector_file, with_substream
 from conformance.surgery.parts import flipped
+from conformance.writer.tables import Record
 from scarfmt.coding.writer import QuantisedScene
 from scarfmt.container.file import Block, Tile
 from scarfmt.container.schema import BlockKind, Stream
@@ -196,8 +198,8 @@ def _of(stream: Stream, component: int | None = None, step: int | None = None, c
     wanted = component, step, context
 
     def picks(record: Record) -> bool:
-        found = record.component, record.step, record.context
-        return record.stream == stream and all(a in (None, b) for a, b in zip(wanted, found, strict=True))
+        kind, *found = record.digits
+        return kind == stream and all(a in (None, b) for a, b in zip(wanted, found, strict=True))
 
     return picks
 
@@ -297,8 +299,8 @@ def _rest_faults(full: bytes) -> Iterator[Fault]:
 
 def _masks_of_two(records: Records) -> Records:
     """The records with tables of all mask contexts in which 1 became 2."""
-    keys = [number(Stream.MASKS, 0, 0, on) for on in range(10)]
-    contexts = {key: Record(key, (0, 2), (1, 1)) for key in keys}
+    keys = [key(Stream.MASKS, 0, 0, on) for on in range(10)]
+    contexts = {number: Record(number, (0, 2), (1, 1)) for number in keys}
     return sorted({**{record.key: record for record in records}, **contexts}.values(), key=lambda record: record.key)
 
 
@@ -334,7 +336,7 @@ def _range_faults() -> Iterator[Fault]:
         """3 * 715827883 - 1; the record of the refinement is for the context of values above 1."""
         first = _with_value(data, 1, _of(Stream.SCALE, 1, 1), -5, 715827883)
         return with_tables(first, 2, lambda records: [
-            Record(r.key + context, (-1,), (1,)) if (r.component, r.step) == (1, 2) else r for r in records
+            Record(r.key + context, (-1,), (1,)) if r.digits[1:3] == (1, 2) else r for r in records
         ])
 
     yield "value-above", "2^31 after the second step", *_RANGE, above(plain, 4)

@@ -28,11 +28,9 @@ from conformance.scenes.made import (
 from conformance.scenes.neural_models import GridPlan, NetworkPlan, PredictorPlan
 from conformance.surgery.files import vector_file
 from conformance.surgery.parts import TILE_KIND, Parts, taken_apart
-from conformance.writer.frames import BlockForm, FrameStyle
-from conformance.writer.options import WriteOptions
 from scarfmt.blocks.mlp import Linear, QuantisedMlp
 from scarfmt.coding.writer import QuantisedScene
-from scarfmt.container.schema import BlockKind, Profile, Stream
+from scarfmt.container.schema import Profile, Stream
 from scarfmt.neural.grid import GridLevel
 from scarfmt.scene.model import DecodedContext, LayerRow
 
@@ -41,14 +39,12 @@ _PRIVATE = 200
 _MOST_ANCHORS, _ENOUGH = 1 << 16, 100
 _ROOM = 100
 """Bytes by which ROOT and pages may grow with the counts in them."""
-_KINDS = (BlockKind.TABLES, BlockKind.DECODER_MLP, BlockKind.SCENE_MLP)
-_RUNS = WriteOptions(frames=dict.fromkeys(_KINDS, FrameStyle(BlockForm.RUNS)))
 
 
 def work_pairs() -> Iterator[Case]:
     """Pairs of scenes that together have every term of the formula."""
     for name, plan, width in _PLANS:
-        data = vector_file(_costly(build(plan), width), options=_RUNS)
+        data = vector_file(_costly(build(plan), width))
         within, beyond = _pair(data)
         yield Case(f"invalid/work-{name}-within", f"work of {name} just within the limit: a CRC of a tile is the fault",
                    within, ("R-5.6-1", "R-12.2-1", "R-13.2-1"), refusals=("crc-mismatch",))

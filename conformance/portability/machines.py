@@ -19,7 +19,7 @@ STANDIN = Path(__file__).resolve().parent / "standin"
 SUITE = "trixie"
 MIRROR = os.environ.get("DEBIAN_MIRROR", "http://deb.debian.org/debian")
 KEYRING = "/usr/share/keyrings/debian-archive-keyring.gpg"
-PACKAGES = ("python3", "python3-numpy", "python3-zstandard", "python3-construct", "python3-click", "python3-fsspec")
+PACKAGES = ("python3", "python3-numpy", "python3-construct", "python3-click", "python3-fsspec")
 COPIED = ("scarfmt", "reference_decoder", "conformance/suite/scarfmt_conformance")
 NATIVE_FLAGS = ("-O3", "-fno-trapping-math", "-fno-math-errno", "-fPIC", "-shared")
 

@@ -1,7 +1,8 @@
-"""Valid vectors at the edges of the static format: sizes, ties, tables, steps, layers, slots, frames, METADATA."""
+"""Valid vectors at the edges of the static format: sizes, ties, tables, steps, layers, slots, numbers, METADATA."""
 
 from __future__ import annotations
 
+import itertools
 import json
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
@@ -26,12 +27,12 @@ from conformance.scenes.made import (
 )
 from conformance.scenes.page_scenes import page_cases
 from conformance.scenes.prng import Prng
-from conformance.surgery.files import vector_file
+from conformance.surgery.files import renumbered, vector_file
 from conformance.writer.fields import RiceStyle
-from conformance.writer.frames import BlockForm, FrameStyle
-from conformance.writer.kept_frames import kept_frame
+from conformance.writer.numbers import Number
 from conformance.writer.options import Renewal, Weights, WriteOptions
 from conformance.writer.tables import table_of
+from scarfmt.blocks.mlp import Linear, QuantisedMlp
 from scarfmt.coding.writer import QuantisedScene
 from scarfmt.container.file import Block, Tile
 from scarfmt.container.schema import BlockFlag, BlockKind, Profile, Stream
@@ -43,7 +44,6 @@ _SCALE3 = channel(Stream.SCALE, 0.5, 3)
 _SCALES = (_SCALE3,)
 _LIMIT = (1 << 31) - 1
 _MOST_WEIGHT = (1 << 24) - 1
-_COMPRESSED = (BlockKind.TABLES, BlockKind.DECODER_MLP, BlockKind.SCENE_MLP)
 _PLAIN = WriteOptions()
 
 
@@ -51,7 +51,7 @@ def edge_cases() -> Iterator[Case]:
     """Every case, each of the class ``edge``."""
     for cases in (
         _position_cases(), _lattice_cases(), _table_cases(), _value_cases(), _latent_cases(), _colour_cases(),
-        _layer_cases(), _tile_cases(), page_cases(), _anchor_cases(), _frame_cases(), _rice_cases(),
+        _layer_cases(), _tile_cases(), page_cases(), _anchor_cases(), _number_cases(), _rice_cases(),
         _annotation_cases(), predictor_cases(), network_cases(), activation_cases(),
     ):
         yield from cases
@@ -143,7 +143,7 @@ def _table_cases() -> Iterator[Case]:
     yield _edge("alphabet-extremes", "a table of -(2^31 - 1), 0 and 2^31 - 1, and values of all three", _with_values(
         _plan("extremes", (12,)), [_LIMIT, 0, -_LIMIT, 0]), ("R-8.3-1", "R-7.5-2"), WriteOptions(tables=extremes))
     idle = {TableKey(*key): table_of((-3, 900), (5, 1)) for key in (
-        (0, 0, 0, 0), (Stream.POSITIONS, 0, 0, 1), (Stream.SCALE, 3, 1, 0), (Stream.OPACITY, 0, 21, 255),
+        (0, 0, 0, 1), (Stream.POSITIONS, 0, 0, 1), (Stream.SCALE, 3, 1, 0), (Stream.OPACITY, 0, 21, 255),
         (Stream.LATENT, 0, 1, 0), (255, 255, 255, 255))}
     yield _edge("tables-idle", "tables that code nothing: of streams, components, steps and contexts there are not",
                 _plan("idle", (9,)), ("R-8.3-4", "R-11-2"), WriteOptions(tables={1: idle}))
@@ -355,40 +355,39 @@ def _dull() -> QuantisedScene:
     return replace(scene, scene_mlps=tuple(networks))
 
 
-# ---------------------------------------------------------------------------------------------- frames, blocks
+# ---------------------------------------------------------------------------------------------- numbers, blocks
 
 
-def _modelled(seed: str) -> QuantisedScene:
-    """A small scene with all three kinds of Zstandard frames, with runs and repetitions in them."""
-    return build(_anchor_plan(f"modelled {seed}", rows=(LayerRow((1,), ((1, 1),)), LayerRow((2,), ((2, 1),)))))
-
-
-def _frame_cases() -> Iterator[Case]:
-    rules = "R-5.8-1", "R-5.8-3", "R-5.8-4"
-    window = 10 << 3
-    styles = {
-        "runs": ("raw and RLE blocks", FrameStyle(BlockForm.RUNS)),
-        "literals": ("compressed blocks of literals alone", FrameStyle(BlockForm.LITERALS, 8, window)),
-        "matches": ("compressed blocks with matches", FrameStyle(BlockForm.MATCHES, 4, window)),
-        "window": ("a window of 8 MiB", FrameStyle(size_bytes=8, window=13 << 3)),
-        "least-window": ("a window of 1 KiB", FrameStyle(BlockForm.MATCHES, 4, 0)),
-        "blocks": ("blocks of 100 bytes, the last empty; a dictionary id of 0 in four bytes",
-                   FrameStyle(size_bytes=8, dictionary_bytes=4, most=100, empty_end=True)),
+def _number_cases() -> Iterator[Case]:
+    """Numbers of every length of the prefix, 0 to 31."""
+    first = build(_plan("numbers", (9,), rows=steady(1, 1, (1,)), dimension=2, codewords=(3, 3), degree=3))
+    weights = np.array([(1 << n // 2) - n % 2 for n in range(30)] + [-(1 << n) for n in range(16)], np.int16)
+    # Bits of biases: subnormal, -0.0, and numbers next to 0 and 2.
+    bits = np.array([*((1 << n) - 1 + n % 2 for n in range(31)), 1 << 31], np.uint32).view(np.float32)
+    layers = (
+        Linear(np.resize(weights, (32, 2)), np.full(32, 1e-6, np.float32), bits),
+        Linear(np.resize(weights, (48, 32)), np.full(48, -1e-6, np.float32), np.resize(bits, 48)),
+    )
+    doubling = tuple(itertools.accumulate((1 << n for n in range(31)), initial=-_LIMIT))
+    wide = {
+        TableKey(255, 0, step, context): table_of(values, [min(1 << n, _MOST_WEIGHT) for n in range(len(values))])
+        for step in (0, 1, 2)
+        for context, values in enumerate((doubling, (-_LIMIT, _LIMIT), (-_LIMIT, 1, _LIMIT)))
     }
-    for name, (what, style) in styles.items():
-        options = WriteOptions(frames=dict.fromkeys(_COMPRESSED, style), wide_weights=name == "matches")
-        yield _edge(f"frame-{name}", f"Zstandard frames of {what}", _modelled(name), rules, options, ("zstd",))
-    yield _library_case()
+    yield _edge("numbers-wide", "gaps, weights, scales and biases whose numbers have prefixes of 0 to 31 bits",
+                replace(first, decoder=QuantisedMlp(layers)), ("R-8.5-1", "R-8.3-1", "R-7.9-1"),
+                WriteOptions(tables={1: wide}))
+    plain = build(_plan("precision", (40,)))
+    yield Case("edge/numbers-precision", "tables whose `precision` says nothing of their weights, only of their model",
+               renumbered(vector_file(plain), BlockKind.TABLES, _as_of_24_bits), ("R-8.3-1",), scene=plain)
 
 
-def _library_case() -> Case:
-    """Frames as a Zstandard library makes them of real files: Huffman and FSE codes."""
-    many = tuple(channel(stream, 0.5, n) for stream, n in ((Stream.SCALE, 3), (Stream.ROTATION, 3)))
-    plan = _plan("library", (240,), channels=many, rows=(LayerRow((1, 1, 1), ((2, 1),) * 3),), dimension=8, degree=2,
-                 spread=30)  # fmt: skip
-    options = WriteOptions(frames=dict.fromkeys(_COMPRESSED, kept_frame))
-    return _edge("frame-library", "Zstandard frames with Huffman and FSE codes, made by libzstd", plan,
-                 ("R-5.8-1", "R-5.8-3", "R-5.8-4"), options, ("zstd",))  # fmt: skip
+def _as_of_24_bits(numbers: list[Number]) -> list[Number]:
+    """The numbers of tables, the weights in the model of the largest ones."""
+    return [
+        (field, 23) if field[0] == "precision" else (("weights", 23), n) if field[0] == "weights" else (field, n)
+        for field, n in numbers
+    ]
 
 
 def _rice_cases() -> Iterator[Case]:

@@ -2,23 +2,20 @@
 
 from __future__ import annotations
 
+import itertools
+from collections.abc import Iterator
+
 import numpy as np
 
 from conformance.decoders.python.answers import Answers
 from conformance.decoders.python.decoder import Decoder
+from conformance.decoders.python.fields import Rans, key
+from conformance.decoders.python.models import parse_tables
 from conformance.expect.expectations import decoded_arrays
 from conformance.scenes.made import worked_scene
-from conformance.surgery.files import substream_bytes, vector_file
-from scarfmt.blocks.tables import unpack_tables
-from scarfmt.container.bytefields import decompress
-from scarfmt.container.file import Container
-from scarfmt.container.schema import (
-    BlockKind,
-    Stream,
-)
+from conformance.surgery.files import numbers_of, substream_bytes, vector_file
+from scarfmt.container.schema import BlockKind, Stream
 from scarfmt.container.source import BytesSource
-from scarfmt.entropy.keys import TableKey
-from scarfmt.entropy.symbol_tables import SymbolTable
 from scarfmt.tools.dump import Dump
 
 Row = tuple[int, int, str, str]
@@ -30,48 +27,48 @@ def worked_file() -> bytes:
 
 
 def field_rows(data: bytes) -> list[Row]:
-    """(offset, size, field, value) of every field, in file order, without gaps: what `scarfmt dump` prints.
-
-    Frames hold their content as it is, so that fields of the content take the place of the frame's data.
-    """
-    out: list[Row] = []
-    content = 0
-    for row in Dump(BytesSource(data), full=True).rows():
-        if row.field.endswith(".data"):
-            content = row.offset
-            continue
-        offset = content + row.offset if row.content else row.offset
-        out.append((offset, row.length, row.field, str(row.value)))
-    return out
+    """(offset, size, field, value) of every field, in file order, without gaps: what `scarfmt dump` prints, without the
+    numbers of TABLES blocks."""
+    rows = Dump(BytesSource(data), full=True).rows()
+    return [(row.offset, row.length, row.field, str(row.value)) for row in rows if not row.content]
 
 
-def _key_text(key: TableKey) -> str:
-    return f"({Stream(key.stream).name}, {key.component}, {key.step}, {key.context})"
+def table_rows(block: bytes) -> Iterator[str]:
+    """The state with which decoding of a TABLES block begins; then, for each table, its numbers and what they say."""
+    yield f"state 0x{Rans(block, {}).state:X}, numbers of 0 or more:"
+    (_, count), *numbers = numbers_of(block, BlockKind.TABLES)
+    yield f"table_count {count}"
+    for number, (values, weights) in parse_tables(block).items():
+        # 4 of the key; more and first; gaps, precision and weights.
+        size = 6 if len(values) == 1 else 6 + 2 * len(values)
+        sent, numbers = numbers[:size], numbers[size:]
+        fields = itertools.groupby(sent, lambda one: one[0][0])
+        listed = ", ".join(" ".join([str(name), *(str(n) for _, n in part)]) for name, part in fields)
+        codes = f"{' '.join(map(str, values))} with weights {' '.join(map(str, weights))}"
+        yield f"{listed}: {_key_text(number)} codes {codes}"
+
+
+def _key_text(number: int) -> str:
+    return f"({Stream(number >> 24).name}, {number >> 16 & 255}, {number >> 8 & 255}, {number & 255})"
 
 
 def rans_trace(data: bytes) -> list[tuple[str, int, int, int, int]]:
     """(table, state before, slot, symbol, value) of every symbol of SCALE in layer 2, as SPEC §8.2 reads."""
-    container = Container(BytesSource(data))
-    tables: dict[TableKey, SymbolTable] = {}
-    for layer in (1, 2):
-        block = container.find(BlockKind.TABLES, layer)
-        assert block is not None
-        tables |= unpack_tables(decompress(container.read_block(block), 1 << 20, "tables"))
+    tables = Decoder(data, 2).tables[1]
     start, past = substream_bytes(data, Stream.SCALE, 2)
     words = np.frombuffer(data[start:past], "<u4").tolist()
     state, rows = 0, []
     for _ in range(2):
         state = state << 32 | words.pop() if words else state
-    for key, count in _scale_groups():
-        entry = tables[key]
-        cumulative = entry.table.cumulative.tolist()
+    for number, count in _scale_groups():
+        values, cumulative = tables[number]
         for _ in range(count):
-            if len(entry.alphabet) == 1:
-                rows.append((_key_text(key), state, -1, 0, int(entry.alphabet[0])))
+            if len(values) == 1:
+                rows.append((_key_text(number), state, -1, 0, values[0]))
                 continue
             slot = state & 0xFFFFFF
             symbol = max(i for i, c in enumerate(cumulative[:-1]) if c <= slot)
-            rows.append((_key_text(key), state, slot, symbol, int(entry.alphabet[symbol])))
+            rows.append((_key_text(number), state, slot, symbol, values[symbol]))
             state = (cumulative[symbol + 1] - cumulative[symbol]) * (state >> 24) + slot - cumulative[symbol]
             if state < 1 << 32 and words:
                 state = state << 32 | words.pop()
@@ -80,22 +77,22 @@ def rans_trace(data: bytes) -> list[tuple[str, int, int, int, int]]:
     return rows
 
 
-def _scale_groups() -> list[tuple[TableKey, int]]:
+def _scale_groups() -> list[tuple[int, int]]:
     """The groups of SCALE in layer 2: step 1 of anchor 2, then step 2 of anchors 0 and 1, component by component.
 
     All values refined are -2 or less.
     """
     first = [(component, 1, 0, 1) for component in range(3)]
     then = [(component, 2, 0, 2) for component in range(3)]
-    return [(TableKey(Stream.SCALE, c, step, context), count) for c, step, context, count in first + then]
+    return [(key(Stream.SCALE, c, step, context), count) for c, step, context, count in first + then]
 
 
 def rans_text(data: bytes) -> str:
     """The trace as SPEC.md prints it."""
     lines = ["| table | state | slot | symbol | value |", "|---|---|---|---:|---:|"]
-    for key, state, slot, symbol, value in rans_trace(data):
+    for table, state, slot, symbol, value in rans_trace(data):
         shown = "nothing is read" if slot < 0 else f"0x{slot:06X}"
-        lines.append(f"| {key} | 0x{state:X} | {shown} | {symbol} | {value} |")
+        lines.append(f"| {table} | 0x{state:X} | {shown} | {symbol} | {value} |")
     return "\n".join([*lines, "| end | 0x0 | | | |", ""])
 
 

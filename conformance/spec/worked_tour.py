@@ -5,7 +5,7 @@ from __future__ import annotations
 import textwrap
 from collections.abc import Iterator
 
-from conformance.spec.worked import Row, field_rows
+from conformance.spec.worked import Row, field_rows, table_rows
 
 # Structure -> what it is, and its lines: how many fields each takes, and a remark.
 _Lines = tuple[tuple[int, str], ...]
@@ -67,18 +67,7 @@ _TOUR: dict[str, tuple[str, _Lines]] = {
             (2, "no codewords; one step of SCALE, one of OPACITY"),
         ),
     ),
-    "layer 1 TABLES": (
-        "TABLES of layer 1 (7.12): a Zstandard frame that holds its content stored",
-        (
-            (4, ""),
-            (1, ""),
-            (5, "a split of two anchors has 1 or 2 in its lower half"),
-            (5, "values -3 and -2"),
-            (4, "one symbol costs nothing"),
-            (4, ""),
-            (4, ""),
-        ),
-    ),
+    "layer 1 TABLES": ("TABLES of layer 1 (8.3): a rANS stream of adaptive numbers (8.5)", ((1, ""),)),
     "layer 1 TILE 0": (
         "TILE of layer 1 (7.1)",
         (*_TILE, (1, "two words of a rANS stream (8.2)"), (1, "OPACITY and CLASSES have no bytes")),
@@ -88,8 +77,7 @@ _TOUR: dict[str, tuple[str, _Lines]] = {
         ((1, ""), (1, ""), (2, "SCALE of class 0 is refined"), (2, "a new class")),
     ),
     "layer 2 TABLES": (
-        "TABLES of layer 2: the second step of SCALE, and a new table for the first of OPACITY",
-        ((4, ""), (1, ""), (5, "gap 1: values -1 and 1"), (5, ""), (5, ""), (4, "")),
+        "TABLES of layer 2: the second step of SCALE, and a new table for the first of OPACITY", ((1, ""),),
     ),
     "layer 2 TILE 0": ("TILE of layer 2", (*_TILE, (1, ""), (1, "decoded in 4.3"))),
 }
@@ -133,12 +121,16 @@ def tour_text(data: bytes) -> str:
         if name != last:
             out += ["", _TOUR[name][0]] if last else [_TOUR[name][0]]
             last = name
-        shown = data[offset : offset + size][:_SHOWN_BYTES]
+        shown = data[offset : offset + size]
+        first, *others = table_rows(shown) if name.endswith("TABLES") else (text,)
+        shown = shown[:_SHOWN_BYTES]
         bytes_ = [shown[i : i + _LINE_BYTES].hex(" ") for i in range(0, len(shown), _LINE_BYTES)]
         bytes_[-1] += " .." if size > _SHOWN_BYTES else ""
         margin = 4 + 2 + 3 * _LINE_BYTES + 2
-        words = textwrap.wrap(text, _WIDTH - margin)
+        words = textwrap.wrap(first, _WIDTH - margin)
         for i in range(max(len(bytes_), len(words))):
             left = f"{offset if i == 0 else '':>4}  {bytes_[i] if i < len(bytes_) else ''}"
             out.append(f"{left:{margin}}{words[i] if i < len(words) else ''}".rstrip())
+        for line in others:
+            out += textwrap.wrap(line, _WIDTH, initial_indent=" " * 6, subsequent_indent=" " * 8)
     return "\n".join([*out, "```", ""])

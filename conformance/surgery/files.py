@@ -6,30 +6,20 @@ from collections.abc import Callable, Iterable
 from dataclasses import replace
 
 from conformance.decoders.python.front import NO_TILE, Root, read_entries, read_tiles
+from conformance.decoders.python.models import read_networks, read_tables
+from conformance.decoders.python.numbers import Numbers
 from conformance.spec.spec_text import size_of
 from conformance.surgery.parts import Row, substreams, unpack
 from conformance.writer.container import Counts, write_container
 from conformance.writer.file import write_file
-from conformance.writer.frames import FrameStyle
+from conformance.writer.numbers import Number, numbers_block
 from conformance.writer.options import WriteOptions
 from scarfmt.coding.writer import QuantisedScene
-from scarfmt.container.bytefields import decompress
 from scarfmt.container.file import Block, HeaderFields, Tile
 from scarfmt.container.schema import BlockKind, ColourSpace, CoordinateFrame, RenderModel, Stream
 from scarfmt.container.substreams import pack_substreams, unpack_table
 
-COMPRESSED = (BlockKind.TABLES, BlockKind.DECODER_MLP, BlockKind.SCENE_MLP)
 _PLAIN = WriteOptions()
-
-
-def stored_frame(content: bytes) -> bytes:
-    """One single-segment Zstandard frame of raw blocks (RFC 8878): the same with every version of libzstd."""
-    return FrameStyle()(content)
-
-
-def content_of(block: Block) -> bytes:
-    """The content of a compressed model block."""
-    return decompress(block.payload, 1 << 26, "vector")
 
 
 def blocks_of(data: bytes) -> list[Block]:
@@ -51,15 +41,6 @@ def block_of(data: bytes, kind: BlockKind, layer: int | None = None) -> Block:
 def copied(data: bytes, kind: BlockKind, layer: int) -> bytes:
     """The file with its first block of `kind` in `layer`, too."""
     return rebuilt(data, [*blocks_of(data), replace(block_of(data, kind), layer=layer)])
-
-
-def reframed(data: bytes, kind: BlockKind, change: Callable[[bytes], bytes]) -> bytes:
-    """The file with the first block of `kind` changed, frame and all."""
-    first = block_of(data, kind)
-    return rebuilt(data, [
-        replace(block, payload=change(block.payload)) if (block.kind, block.layer) == (kind, first.layer) else block
-        for block in blocks_of(data)
-    ])
 
 
 def rebuilt(data: bytes, blocks: Iterable[Block], counts: Counts | None = None) -> bytes:
@@ -96,15 +77,30 @@ def vector_file(scene: QuantisedScene, extra: Iterable[Block] = (), options: Wri
 def changed(data: bytes, kind: BlockKind, layer: int, change: Callable[[bytes], bytes], count: int = 0) -> bytes:
     """The file with the first block of `kind` in `layer` changed, lengths and checksums right.
 
-    Compressed blocks are changed inside their frame. `count` is added to the block's count.
+    `count` is added to the block's count.
     """
     blocks = blocks_of(data)
     row = next(i for i, block in enumerate(blocks) if (block.kind, block.layer) == (kind, layer))
     old = blocks[row]
-    payload = stored_frame(change(content_of(old))) if kind in COMPRESSED else change(old.payload)
+    payload = change(old.payload)
     streams = stream_bytes(payload) if kind == BlockKind.TILE else {}
     blocks[row] = replace(old, payload=payload, count=old.count + count, stream_bytes=streams)
     return rebuilt(data, blocks)
+
+
+def renumbered(data: bytes, kind: BlockKind, change: Callable[[list[Number]], list[Number]]) -> bytes:
+    """The file with the numbers of its first block of `kind` in layer 1 changed."""
+    return changed(data, kind, 1, lambda payload: numbers_block(change(numbers_of(payload, kind))))
+
+
+def numbers_of(payload: bytes, kind: BlockKind) -> list[Number]:
+    """The numbers of a sound TABLES, DECODER_MLP or SCENE_MLP block."""
+    numbers = Numbers(payload)
+    if kind == BlockKind.TABLES:
+        read_tables(numbers)
+    else:
+        read_networks(numbers)
+    return numbers.taken
 
 
 def with_substream(data: bytes, layer: int, stream: Stream, change: Callable[[bytes], bytes]) -> bytes:

@@ -18,12 +18,8 @@ def varint(value: int) -> bytes:
     return bytes(out)
 
 
-def svarint(value: int) -> bytes:
-    """A signed number: 0, -1, 1, -2, ... as 0, 1, 2, 3, ..."""
-    return varint(_folded(value))
-
-
-def _folded(value: int) -> int:
+def folded(value: int) -> int:
+    """A signed number as one of 0 or more: 0, -1, 1, -2, ... as 0, 1, 2, 3, ..."""
     return 2 * value if value >= 0 else -2 * value - 1
 
 
@@ -47,18 +43,18 @@ PLAIN = RiceStyle()
 
 def rice(values: Sequence[int], style: RiceStyle = PLAIN) -> bytes:
     """Signed integers whose folded values are below 2^32, with one parameter."""
-    folded = [_folded(value) for value in values]
-    k = _parameter(folded, style.raised)
-    quotients = "".join("1" * (m >> k) + "0" for m in folded)
-    low = "".join(f"{m & ((1 << k) - 1):0{k}b}" for m in folded) if k else ""
+    mapped = [folded(value) for value in values]
+    k = _parameter(mapped, style.raised)
+    quotients = "".join("1" * (m >> k) + "0" for m in mapped)
+    low = "".join(f"{m & ((1 << k) - 1):0{k}b}" for m in mapped) if k else ""
     return bytes([k]) + _packed(quotients) + _packed(low)
 
 
-def _parameter(folded: list[int], raised: int) -> int:
+def _parameter(mapped: list[int], raised: int) -> int:
     """The k of fewest bits that leaves no quotient above 255, the smallest of equals, and so much more."""
-    largest = max(folded, default=0)
+    largest = max(mapped, default=0)
     possible = [k for k in range(MAX_PARAMETER + 1) if largest >> k <= MAX_QUOTIENT]
-    sizes = {k: len(folded) * (1 + k) + sum(m >> k for m in folded) for k in possible}
+    sizes = {k: len(mapped) * (1 + k) + sum(m >> k for m in mapped) for k in possible}
     best = min(possible, key=lambda k: (sizes[k], k))
     return min(max(best + raised, possible[0]), MAX_PARAMETER)
 

@@ -1,22 +1,23 @@
 """Whole files from scenes.
 
-Symbols are recorded and coded by the package's writer; tables, frames, models, ROOT and pages are chosen and packed
+Symbols are recorded and coded by the package's writer; tables, models, ROOT and pages are chosen and packed
 here. That a file says what its scene holds is the readable decoder's to find (:mod:`conformance.expect.document`).
 """
 
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 from conformance.writer.container import write_container
-from conformance.writer.models import codebooks_block, layer_block, networks_content
+from conformance.writer.models import codebooks_block, layer_block, network_numbers
 from conformance.writer.networks import grid_block, network_block, predictors_block
+from conformance.writer.numbers import numbers_block
 from conformance.writer.options import Tables, WriteOptions
 from conformance.writer.streaming import streaming_block
-from conformance.writer.tables import layer_tables
+from conformance.writer.tables import Record, layer_tables, table_numbers
 from scarfmt.arrays import Ints
-from scarfmt.blocks.tables import pack_tables
+from scarfmt.blocks.mlp import QuantisedMlp
 from scarfmt.coding.writer import QuantisedScene, layer_counts, record_tile
 from scarfmt.container.file import Block
 from scarfmt.container.schema import BlockKind, Stream
@@ -45,7 +46,7 @@ def write_file(scene: QuantisedScene, options: WriteOptions = PLAIN) -> bytes:
         used = StaticTables({key: known[key] for key in counted if key in known})
         blocks += _model_blocks(scene, layer, options)
         if sent:
-            payload = options.frame(BlockKind.TABLES, pack_tables(sent))
+            payload = numbers_block(table_numbers(_records(sent)))
             blocks.append(Block(BlockKind.TABLES, layer, payload, count=len(sent)))
         for number, tile in enumerate(tiles):
             block = tile.block(layer, number, used)
@@ -63,12 +64,9 @@ def _model_blocks(scene: QuantisedScene, layer: int, options: WriteOptions) -> I
     if books:
         yield Block(BlockKind.CODEBOOKS, layer, codebooks_block(books, options.rice), count=len(books))
     if scene.decoder is not None and _first(scene, 0, latent=True) == layer:
-        content = networks_content((scene.decoder,), wide=options.wide_weights)
-        yield Block(BlockKind.DECODER_MLP, layer, options.frame(BlockKind.DECODER_MLP, content), count=1)
+        yield Block(BlockKind.DECODER_MLP, layer, _networks((scene.decoder,)), count=1)
     if scene.scene_mlps and layer == 1:
-        content = networks_content(scene.scene_mlps, wide=options.wide_weights)
-        payload = options.frame(BlockKind.SCENE_MLP, content)
-        yield Block(BlockKind.SCENE_MLP, 1, payload, count=len(scene.scene_mlps))
+        yield Block(BlockKind.SCENE_MLP, 1, _networks(scene.scene_mlps), count=len(scene.scene_mlps))
     yield from _neural_blocks(scene, layer, options)
     if layer == 1 and (scene.metadata or options.metadata is not None):
         text = json.dumps(scene.metadata, sort_keys=True, separators=(",", ":"), allow_nan=False)
@@ -76,6 +74,17 @@ def _model_blocks(scene: QuantisedScene, layer: int, options: WriteOptions) -> I
     if layer == 1 and scene.streaming is not None:
         boxes = scene.streaming
         yield Block(BlockKind.STREAMING, 1, streaming_block(boxes), count=len(boxes.reach), flags=_SAFE_TO_COPY)
+
+
+def _records(tables: Tables) -> list[Record]:
+    """The records of tables, by ascending key."""
+    return [
+        Record(key.number, table.alphabet.tolist(), table.weights.tolist()) for key, table in sorted(tables.items())
+    ]
+
+
+def _networks(networks: Sequence[QuantisedMlp]) -> bytes:
+    return numbers_block(network_numbers([network.layers for network in networks]))
 
 
 def _neural_blocks(scene: QuantisedScene, layer: int, options: WriteOptions) -> Iterator[Block]:

@@ -5,9 +5,10 @@ from __future__ import annotations
 import struct
 from collections.abc import Mapping, Sequence
 
-from conformance.writer.fields import PLAIN, RiceStyle, rice, varint
+from conformance.writer.fields import PLAIN, RiceStyle, folded, rice, varint
+from conformance.writer.numbers import Number
 from scarfmt.arrays import Ints
-from scarfmt.blocks.mlp import Linear, QuantisedMlp
+from scarfmt.blocks.mlp import Linear
 from scarfmt.scene.model import Channel, DecodedContext, LayerRow
 
 Opening = tuple[Sequence[Channel], DecodedContext]
@@ -43,19 +44,14 @@ def codebooks_block(books: Mapping[int, Ints], style: RiceStyle = PLAIN) -> byte
     return b"".join(out)
 
 
-def networks_content(networks: Sequence[QuantisedMlp], *, wide: bool) -> bytes:
-    """The content of a DECODER_MLP or SCENE_MLP block; `wide`: two bytes a weight always."""
-    return varint(len(networks)) + b"".join(_network(network, wide) for network in networks)
-
-
-def _network(network: QuantisedMlp, wide: bool) -> bytes:
-    return varint(len(network.layers)) + b"".join(_linear(layer, wide) for layer in network.layers)
-
-
-def _linear(layer: Linear, wide: bool) -> bytes:
-    rows, columns = layer.weights.shape
-    weights = [int(weight) for weight in layer.weights.ravel()]
-    width = 2 if wide or min(weights) < -128 or max(weights) > 127 else 1
-    packed = struct.pack(f"<{len(weights)}{'bh'[width - 1]}", *weights)
-    scales, biases = (struct.pack(f"<{rows}f", *numbers) for numbers in (layer.scales, layer.biases))
-    return b"".join([varint(rows), varint(columns), bytes([width]), packed, scales, biases])
+def network_numbers(networks: Sequence[Sequence[Linear]]) -> list[Number]:
+    """The numbers of a DECODER_MLP or SCENE_MLP block of networks, each its layers."""
+    out: list[Number] = [(("network_count",), len(networks))]
+    for layers in networks:
+        out.append((("layer_count",), len(layers)))
+        for layer in layers:
+            out += [(("rows",), layer.weights.shape[0]), (("columns",), layer.weights.shape[1])]
+            out += [(("weights",), folded(weight)) for weight in layer.weights.ravel().tolist()]
+            for name, values in (("scales", layer.scales), ("biases", layer.biases)):
+                out += [((name,), bits) for bits in values.astype("<f4").view("<u4").tolist()]
+    return out

@@ -7,10 +7,8 @@ from dataclasses import dataclass, field
 from enum import Enum
 
 from conformance.writer.fields import RiceStyle
-from conformance.writer.frames import Frame, FrameStyle
 from conformance.writer.pages import PAGE_BITS
 from scarfmt.container.file import Block
-from scarfmt.container.schema import BlockKind
 from scarfmt.entropy.keys import TableKey
 from scarfmt.entropy.symbol_tables import SymbolTable
 
@@ -22,7 +20,7 @@ class Weights(Enum):
     """The weights of tables made from the symbols of a layer; with more than one symbol they change every stream."""
 
     COUNTS = "counts"
-    """How often each value occurs; scaled up where none occurs 7 times, see :mod:`conformance.writer.tables`."""
+    """How often each value occurs, at least 1."""
     UNIFORM = "uniform"
     """All 1."""
     REVERSED = "reversed"
@@ -44,18 +42,15 @@ class Renewal(Enum):
 
 @dataclass(frozen=True)
 class WriteOptions:
-    """The default is a plain file: raw frames, tables of the values that occur, nothing that codes nothing.
+    """The default is a plain file: tables of the values that occur, nothing that codes nothing.
 
     Attributes:
-        frames: what makes the Zstandard frame of TABLES, DECODER_MLP or SCENE_MLP blocks: a :class:`FrameStyle` or any
-            other function; raw by default.
         rice: how Rice codes are chosen.
         fitted: whether tables are made from the symbols.
         tables: by layer; tables sent besides, and in place of those made from the symbols.
         weights, unused: of the tables made from the symbols: their weights; values added to each alphabet.
         renewal: when later layers send tables.
         empty_tiles: whether there is a TILE block for every tile and layer, also of neither anchors nor records.
-        wide_weights: whether the weights of DECODER_MLP and SCENE_MLP take two bytes even where one would do.
         class_columns: class columns that predictors store at least, also without weights; 0..15.
         grid_ones: `ones` of every level of the hash grid; None: the share of bits that are 1.
         metadata: bytes of the METADATA block; None: the scene's, as R-7.10-2 recommends, or no block.
@@ -63,7 +58,6 @@ class WriteOptions:
         page_bits: a page has 2^page_bits tiles.
     """
 
-    frames: Mapping[BlockKind, Frame] = field(default_factory=dict)
     rice: RiceStyle = field(default_factory=RiceStyle)
     fitted: bool = True
     tables: Mapping[int, Tables] = field(default_factory=dict)
@@ -71,13 +65,8 @@ class WriteOptions:
     unused: tuple[int, ...] = ()
     renewal: Renewal = Renewal.NEEDED
     empty_tiles: bool = False
-    wide_weights: bool = False
     class_columns: int = 0
     grid_ones: int | None = None
     metadata: bytes | None = None
     blocks: tuple[Block, ...] = ()
     page_bits: int = PAGE_BITS
-
-    def frame(self, kind: BlockKind, content: bytes) -> bytes:
-        """The Zstandard frame of a block."""
-        return self.frames.get(kind, FrameStyle())(content)

@@ -1,23 +1,66 @@
-"""The tables that a layer sends (SPEC §8.3). The rules, in integers:
+"""The tables that a layer sends, and TABLES blocks (SPEC §8.3).
 
-A value's weight is its count, scaled so that the largest is top = max(largest count, 7), at most 2^24 - 1:
-w = max((2 * count * top + largest) // (2 * largest), 1). So weights are the counts themselves but where symbols are
-few; those of the worked file of SPEC.md, §4.2, come out as 7. A layer goes on with the table of an earlier one as
-long as that has all the values: comparing sizes would take a logarithm.
+A value's weight is its count. A layer goes on with the table of an earlier one as long as that has all the values:
+comparing sizes would take a logarithm.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
 
+from conformance.writer.fields import folded
+from conformance.writer.numbers import Number
 from conformance.writer.options import MAX_TABLE_WEIGHT, Renewal, Tables, Weights, WriteOptions
 from scarfmt.coding.writer import Histogram
 from scarfmt.entropy.keys import TableKey
 from scarfmt.entropy.symbol_tables import SymbolTable
 
-_LEAST_TOP = 7
+_MOST_PRECISION = 23
+
+
+class Record(NamedTuple):
+    """A table of a TABLES block: the number of its key, its ascending values, a weight for each."""
+
+    key: int
+    values: Sequence[int]
+    weights: Sequence[int]
+
+    @property
+    def digits(self) -> tuple[int, int, int, int]:
+        """Stream kind, component, step and context."""
+        return self.key >> 24, self.key >> 16 & 255, self.key >> 8 & 255, self.key & 255
+
+
+def table_numbers(records: Sequence[Record]) -> list[Number]:
+    """The numbers of a TABLES block of tables with ascending keys; nothing is checked."""
+    out: list[Number] = [(("table_count",), len(records))]
+    before = (0, 0, 0, 0)
+    for record in records:
+        out += [*_key(before, record.digits), *_record(record)]
+        before = record.digits
+    return out
+
+
+def _key(before: Sequence[int], digits: Sequence[int]) -> Iterator[Number]:
+    same = 1
+    for i, (old, digit) in enumerate(zip(before, digits, strict=True)):
+        yield ("key", i, same), digit - same * (old + (i == 3))
+        same &= old == digit
+
+
+def _record(record: Record) -> Iterator[Number]:
+    kind, values = min(record.digits[2], 2), record.values
+    yield ("more", kind), len(values) - 1
+    yield ("first", kind), folded(values[0])
+    yield from ((("gaps", kind), after - before - 1) for before, after in pairwise(values))
+    if len(values) > 1:
+        precision = min(max(record.weights).bit_length() - 1, _MOST_PRECISION)
+        yield ("precision", kind), precision
+        yield from ((("weights", precision), weight - 1) for weight in record.weights)
 
 
 def table_of(values: Sequence[int], weights: Sequence[int]) -> SymbolTable:
@@ -52,7 +95,5 @@ def _weights(counts: list[int], weights: Weights) -> list[int]:
         return [1] * len(counts)
     if weights == Weights.STEEP:
         return [1] * (len(counts) - 1) + [MAX_TABLE_WEIGHT]
-    largest = max(counts)
-    top = min(max(largest, _LEAST_TOP), MAX_TABLE_WEIGHT)
-    scaled = [max((2 * count * top + largest) // (2 * largest), 1) for count in counts]
-    return scaled[::-1] if weights == Weights.REVERSED else scaled
+    shares = [max(count, 1) for count in counts]
+    return shares[::-1] if weights == Weights.REVERSED else shares

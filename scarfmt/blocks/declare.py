@@ -19,12 +19,13 @@ from typing import Any, NamedTuple, Self
 
 import numpy as np
 
-from scarfmt.container.bytefields import ByteReader, Trace, signed_varint, unsigned_varint
+from scarfmt.container.bytefields import ByteReader, Trace, unsigned_varint
 from scarfmt.container.registries import Stream
+from scarfmt.entropy.numbers import NumberReader, NumberWriter
 from scarfmt.entropy.rice import pack_rice, pack_shifted, unpack_rice, unpack_shifted
-from scarfmt.errors import ScarError
+from scarfmt.errors import LimitExceeded, ScarError
 
-_NUMBERS = {"u1": "u8", "u4": "u32", "i1": "i8", "i2": "i16", "f4": "f32"}
+_NUMBERS = {"u1": "u8", "u4": "u32", "f4": "f32"}
 """The names that SPEC has for types of numpy."""
 
 
@@ -145,13 +146,6 @@ def varint(bits: int, shown: Callable[[int], Any] = lambda value: value) -> Fiel
     )
 
 
-def svarint(bits: int) -> Field:
-    """A zigzag LEB128 integer whose mapped value is below 2^bits (SPEC §5.7)."""
-    return Field(
-        f"svarint({bits})", lambda reader, scope: reader.signed(bits), lambda value, scope: signed_varint(value)
-    )
-
-
 def count(limit: int) -> Field:
     """A LEB128 integer that counts things, of which there may be `limit` at most (SPEC §5.7)."""
     return Field(
@@ -159,65 +153,28 @@ def count(limit: int) -> Field:
     )
 
 
-def varints(
-    bits: int, number: str | int, refused: Callable[[Any, Scope], ScarError | None] = lambda values, scope: None
-) -> Field:
-    """(number,) int64: LEB128 integers below 2^bits, one after the other.
-
-    Args:
-        bits, number: of each, and how many.
-        refused: what is wrong with the first so many of them, None if nothing.
-    """
+def varints(bits: int, number: str) -> Field:
+    """(number,) int64: LEB128 integers below 2^bits, one after the other."""
     length = formula(number)
-
-    def check(values: Any, scope: Scope) -> None:
-        error = refused(values, scope)
-        if error is not None:
-            raise error
-
-    def take(reader: ByteReader, scope: Scope) -> Any:
-        start = reader.position
-        try:
-            values = reader.unsigned_array(bits, length(scope))
-        except ScarError:
-            # What is wrong with an earlier one comes first (SPEC §12.2).
-            check(_before_the_fault(reader, start, bits), scope)
-            raise
-        check(values, scope)
-        return values
-
-    put = lambda value, scope: b"".join(map(unsigned_varint, value.tolist()))  # noqa: E731
-    return Field(f"{number} times varint({bits})", take, put)
+    return Field(
+        f"{number} times varint({bits})",
+        lambda reader, scope: reader.unsigned_array(bits, length(scope)),
+        lambda value, scope: b"".join(map(unsigned_varint, value.tolist())),
+    )
 
 
-def _before_the_fault(reader: ByteReader, start: int, bits: int) -> Any:
-    """The integers from byte `start` to the first that cannot be read."""
-    reader.position = start
-    values: list[int] = []
-    try:
-        while True:
-            values.append(reader.unsigned(bits))
-    except ScarError:
-        return np.array(values, np.int64)
-
-
-def array(dtypes: Mapping[int, str], number: str | int, width: str | int) -> Field:
+def array(dtype: str, number: str) -> Field:
     """(number,) numbers of a fixed size, little-endian.
 
     Args:
-        dtypes: their numpy type without byte order, by the number of bytes that `width` is.
+        dtype: their numpy type without byte order.
         number: how many.
-        width: an expression, or a constant where all files have the same.
     """
-    length, size = formula(number), formula(width)
-
-    def put(value: Any, scope: Scope) -> bytes:
-        return value if isinstance(value, bytes) else bytes(value.astype(f"<{dtypes[size(scope)]}").tobytes())
-
+    length = formula(number)
     return Field(
-        f"{number} times {' or '.join(_NUMBERS[dtype] for dtype in dtypes.values())}",
-        lambda reader, scope: reader.array(f"<{dtypes[size(scope)]}", length(scope)),
-        put,
+        f"{number} times {_NUMBERS[dtype]}",
+        lambda reader, scope: reader.array(f"<{dtype}", length(scope)),
+        lambda value, scope: value if isinstance(value, bytes) else bytes(value.astype(f"<{dtype}").tobytes()),
     )
 
 
@@ -245,6 +202,59 @@ def _report_rice(reader: ByteReader, trace: Trace, start: int, shifted: bool, va
     trace.part("k", start, start + 1, parameter)
     trace.part("quotients", start + 1, low, values)
     trace.part("low", low, past, f"{len(values)} x {parameter} bits")
+
+
+def _zigzag(values: Any) -> Any:
+    return np.where(values >= 0, 2 * values, -2 * values - 1)
+
+
+def _from_zigzag(numbers: Any) -> Any:
+    return np.where(numbers & 1, -(numbers >> 1) - 1, numbers >> 1)
+
+
+_MEANINGS: Mapping[str, tuple[Callable[[Any], Any], Callable[[Any], Any]]] = {
+    "number": (lambda numbers: numbers, lambda values: values),
+    "signed": (_from_zigzag, _zigzag),
+    "f32": (lambda numbers: numbers.astype(np.uint32).view(np.float32), lambda values: values.view(np.uint32)),
+}
+"""By the name that SPEC has for it: from (n,) int64 numbers to values, and back."""
+
+
+class Number(Element):
+    """Adaptive numbers, with a number model for each value of an expression (SPEC §8.5).
+
+    Args:
+        kind: ``number``, ``signed`` or ``f32``.
+        times: how many, for an array; a single one otherwise.
+        by: what chooses the number model, the name of the field aside.
+        limit: the most a number may be, which then counts things.
+    """
+
+    def __init__(self, kind: str = "number", times: str = "", by: str = "", limit: int | None = None) -> None:
+        spelled = kind if limit is None else f"count({limit})"
+        self.spelled = (f"{times} times " if times else "") + spelled + (f"[{by}]" if by else "")
+        self._times, self._by, self._limit = times and formula(times), by and formula(by), limit
+        self._value, self._number = _MEANINGS[kind]
+
+    def take(self, reader: Any, scope: Scope) -> Any:
+        model = self._model(scope)
+        if callable(self._times):
+            length = self._times(scope)
+            return self._value(np.fromiter((reader.number(model) for _ in range(length)), np.int64, length))
+        number = reader.number(model)
+        if self._limit is not None and number > self._limit:
+            message = f"{self.name} is {number}, at most {self._limit} allowed"
+            raise LimitExceeded("count-limit", message, field=reader.field)
+        return self._value(np.array([number])).item()
+
+    def put(self, value: Any, scope: Scope) -> bytes:
+        model, writer = self._model(scope), scope["writer"]
+        for number in self._number(np.atleast_1d(value)).tolist():
+            writer.number(model, number)
+        return b""
+
+    def _model(self, scope: Scope) -> tuple[str | None, Any]:
+        return self.name, self._by(scope) if callable(self._by) else None
 
 
 def blob(number: str | int) -> Field:
@@ -311,6 +321,14 @@ class Record(Element):
         self.fill(reader, values)
         return values
 
+    def opened(self, payload: bytes, field: str, trace: Trace | None) -> Any:
+        """A reader of a payload that is this record."""
+        return ByteReader(payload, field, trace)
+
+    def built(self, value: Mapping[str, Any], scope: Scope) -> bytes:
+        """The payload of `value`."""
+        return self.put(value, scope)
+
     def fill(self, reader: ByteReader, values: Scope) -> None:
         """Read the fields into `values`."""
         for element in self.members:
@@ -334,6 +352,18 @@ class Record(Element):
             element.put(None if element.name is None or isinstance(element, Derived) else values[element.name], values)
             for element in self.members
         )
+
+
+class NumberRecord(Record):
+    """A payload of adaptive numbers alone (SPEC §8.5). Positions that a trace hears count numbers."""
+
+    def opened(self, payload: bytes, field: str, trace: Trace | None) -> Any:
+        return NumberReader(payload, field, trace)
+
+    def built(self, value: Mapping[str, Any], scope: Scope) -> bytes:
+        scope["writer"] = writer = NumberWriter()
+        self.put(value, scope)
+        return writer.finish()
 
 
 class When(Element):
@@ -410,10 +440,11 @@ def read(record: Record, payload: bytes, field: str, trace: Trace | None = None,
         parameters: what the declaration needs to know beforehand.
 
     Raises:
-        Malformed: ``payload-short``, ``payload-long``, ``bad-varint``, ``bad-rice``, or what a rule refuses.
+        Malformed: ``payload-short``, ``payload-long``, ``bad-varint``, ``bad-rice``, or what a rule refuses; of numbers
+            ``rans-length``, ``rans-last-word``, ``bad-number``, ``rans-seal``.
         LimitExceeded: ``count-limit``.
     """
-    reader = ByteReader(payload, field, trace)
+    reader = record.opened(payload, field, trace)
     around = Scope({})
     around.update(parameters)
     values = record.take(reader, around)
@@ -423,4 +454,6 @@ def read(record: Record, payload: bytes, field: str, trace: Trace | None = None,
 
 def build(record: Record, values: Mapping[str, Any], **parameters: Any) -> bytes:
     """The payload of `values`: the inverse of :func:`read`. Counts must be among them."""
-    return record.put(values, Scope(parameters))
+    around = Scope({})
+    around.update(parameters)
+    return record.built(values, around)

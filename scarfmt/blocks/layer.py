@@ -55,7 +55,7 @@ _CHANNEL = Record(
 
 _CLASS = Record(
     "stages" / U8,
-    "steps" / array({1: "u1"}, "channel_count", 1) * "one a channel",
+    "steps" / array("u1", "channel_count") * "one a channel",
 )
 
 LAYER = Record(

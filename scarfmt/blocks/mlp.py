@@ -1,8 +1,8 @@
 """DECODER_MLP and SCENE_MLP blocks: small perceptrons with quantised weights (SPEC §7.9).
 
 A network is a chain of layers y = W x + b with ReLU between layers and none after the last. Weights are
-int16 times a per-row binary32 scale, biases binary32; the networks of a block are one zstd frame. What a
-network computes is activated output: its tolerance is SPEC §9.5, not bit equality.
+int16 times a per-row binary32 scale, biases binary32. What a network computes is activated output: its tolerance is
+SPEC §9.5, not bit equality.
 """
 
 from __future__ import annotations
@@ -14,46 +14,50 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scarfmt.arrays import F32, F64, I16
-from scarfmt.blocks.declare import U8, Check, Record, Repeat, Rule, Scope, array, build, count, read
+from scarfmt.blocks.declare import Check, Derived, Number, NumberRecord, Record, Repeat, Rule, Scope, build, read
 from scarfmt.blocks.spec import BlockSpec
-from scarfmt.container.bytefields import compress, decompress
 from scarfmt.container.registries import BlockKind, Profile
-from scarfmt.errors import Malformed
+from scarfmt.errors import LimitExceeded, Malformed
 from scarfmt.scene.model import first_layers
 
 MAX_NETWORKS = 8
 MAX_LAYERS = 4
 MAX_WIDTH = 1024
-MAX_MLP_BYTES = 16 << 20
+MAX_WEIGHTS = 1 << 20
+_LEAST, _MOST = -(1 << 15), (1 << 15) - 1
 
 
 _LAYER = Record(
-    "rows" / count(MAX_WIDTH) * "outputs",
+    "rows" / Number(limit=MAX_WIDTH) * "outputs",
     Rule(
         Check("R-7.9-1", "rows is at least 1", "bad-mlp"),
         lambda at: at["rows"] > 0,
         lambda at: _bad("a layer without outputs"),
     ),
-    "columns" / count(MAX_WIDTH) * "inputs",
+    "columns" / Number(limit=MAX_WIDTH) * "inputs",
     Rule(
         Check("R-7.9-1", "columns is at least 1, and equals rows of the layer before", "bad-mlp"),
         lambda at: _fits(at),
         lambda at: _bad(f"a layer of {at['columns']} inputs does not fit"),
     ),
-    "width" / U8 * "bytes a weight: 1 (i8) or 2 (i16)",
     Rule(
-        Check("R-7.9-1", "width is 1 or 2", "bad-mlp"),
-        lambda at: at["width"] in (1, 2),
-        lambda at: _bad(f"weights of {at['width']} bytes"),
+        Check("R-7.9-1", "the weights of the block so far are at most 2^20", "content-limit"),
+        lambda at: _weights_with(at) <= MAX_WEIGHTS,
+        lambda at: LimitExceeded("content-limit", f"more than {MAX_WEIGHTS} weights (SPEC §7.9)", field="mlp"),
     ),
-    "weights" / array({1: "i1", 2: "i2"}, "rows * columns", "width") * "row by row",
-    "scales" / array({4: "f4"}, "rows", 4),
+    "weights" / Number("signed", times="rows * columns") * "row by row",
+    Rule(
+        Check("R-7.9-1", "they are -32768..32767", "bad-mlp"),
+        lambda at: bool(((at["weights"] >= _LEAST) & (at["weights"] <= _MOST)).all()),
+        lambda at: _bad("weights must fit 16 bits"),
+    ),
+    "scales" / Number("f32", times="rows"),
     Rule(
         Check("R-7.9-1", "they are finite", "bad-mlp"),
         lambda at: bool(np.isfinite(at["scales"]).all()),
         lambda at: _bad("scales must be finite"),
     ),
-    "biases" / array({4: "f4"}, "rows", 4),
+    "biases" / Number("f32", times="rows"),
     Rule(
         Check("R-7.9-1", "they are finite", "bad-mlp"),
         lambda at: bool(np.isfinite(at["biases"]).all()),
@@ -62,7 +66,7 @@ _LAYER = Record(
 )
 
 _NETWORK = Record(
-    "layer_count" / count(MAX_LAYERS),
+    "layer_count" / Number(limit=MAX_LAYERS),
     Rule(
         Check("R-7.9-1", "layer_count is at least 1", "bad-mlp"),
         lambda at: at["layer_count"] > 0,
@@ -71,8 +75,18 @@ _NETWORK = Record(
     "layers" / Repeat("layer_count", _LAYER),
 )
 
-NETWORKS = Record("network_count" / count(MAX_NETWORKS), "networks" / Repeat("network_count", _NETWORK))
-"""The content of the frame of a DECODER_MLP or SCENE_MLP block."""
+NETWORKS = NumberRecord(
+    "sizes" / Derived(lambda at: []),
+    "network_count" / Number(limit=MAX_NETWORKS),
+    "networks" / Repeat("network_count", _NETWORK),
+)
+"""The numbers of a DECODER_MLP or SCENE_MLP block."""
+
+
+def _weights_with(at: Scope) -> int:
+    """Weights of the layers of the block that are read, and of this one, which is noted."""
+    at["sizes"].append(at["rows"] * at["columns"])
+    return sum(at["sizes"])
 
 
 def _fits(at: Scope) -> bool:
@@ -148,31 +162,30 @@ def pack_networks(networks: tuple[QuantisedMlp, ...]) -> bytes:
         {"layer_count": len(network.layers), "layers": [_layer_fields(layer) for layer in network.layers]}
         for network in networks
     ]
-    return compress(build(NETWORKS, {"network_count": len(networks), "networks": fields}))
+    return build(NETWORKS, {"sizes": [], "network_count": len(networks), "networks": fields})
 
 
 def _layer_fields(layer: Linear) -> dict[str, Any]:
     rows, columns = layer.weights.shape
-    # int64: the magnitude of -32768 does not fit int16.
-    wide = int(np.abs(layer.weights.astype(np.int64)).max(initial=0)) > 127
-    shape = {"rows": rows, "columns": columns, "width": 1 + wide}
-    return {**shape, "weights": layer.weights, "scales": layer.scales, "biases": layer.biases}
+    weights = layer.weights.ravel().astype(np.int64)
+    return {"rows": rows, "columns": columns, "weights": weights, "scales": layer.scales, "biases": layer.biases}
 
 
 def unpack_networks(payload: bytes) -> tuple[QuantisedMlp, ...]:
     """The networks of a DECODER_MLP or SCENE_MLP block.
 
     Raises:
-        Malformed: ``bad-mlp`` for networks that break SPEC §7.9; ``bad-zstd``.
+        Malformed: ``bad-mlp`` for networks that break SPEC §7.9; ``bad-number``, ``rans-length``, ``rans-last-word``,
+            ``rans-seal``.
         LimitExceeded: ``content-limit``, ``count-limit``.
     """
-    networks = read(NETWORKS, decompress(payload, MAX_MLP_BYTES, "mlp"), "mlp")["networks"]
+    networks = read(NETWORKS, payload, "mlp")["networks"]
     return tuple(QuantisedMlp(tuple(_linear(layer) for layer in network["layers"])) for network in networks)
 
 
 def _linear(at: Scope) -> Linear:
     weights = at["weights"].reshape(at["rows"], at["columns"]).astype(np.int16)
-    return Linear(weights, at["scales"].astype(np.float32), at["biases"].astype(np.float32))
+    return Linear(weights, at["scales"], at["biases"])
 
 
 DECODER_SPEC = BlockSpec(
@@ -186,7 +199,6 @@ DECODER_SPEC = BlockSpec(
     elements="networks",
     layers=lambda model: {first_layers(model)[2]},
     required=True,
-    content_limit=MAX_MLP_BYTES,
     field="mlp",
 )
 
@@ -201,6 +213,5 @@ SCENE_SPEC = BlockSpec(
     count=len,
     elements="networks",
     layers=lambda model: {1 if model.profile == Profile.ANCHOR else None},
-    content_limit=MAX_MLP_BYTES,
     field="mlp",
 )

@@ -15,8 +15,8 @@ from scarfmt.entropy.keys import TableKey
 from scarfmt.entropy.symbol_tables import SymbolTable
 from scarfmt.scene.model import Opening, SceneModel
 
-Inflate = Callable[[bytes, int, str], bytes]
-"""Decompresses a frame: its bytes, the most bytes its content may have, and what errors call it."""
+Spend = Callable[[int], bool]
+"""Whether the tables of a file may have so many symbols more (SPEC §13.2)."""
 
 
 @dataclass(frozen=True)
@@ -26,12 +26,12 @@ class Reading:
     Attributes:
         layer: of the block, 1-based.
         opening: what the LAYER block of layer 1 says.
-        inflate: reads Zstandard frames.
+        spend: takes symbols of tables from what is allowed.
     """
 
     layer: int
     opening: Opening
-    inflate: Inflate
+    spend: Spend
 
 
 @dataclass(frozen=True)
@@ -61,7 +61,7 @@ class BlockSpec:
     Attributes:
         kind: its number.
         section: of SPEC.md that describes it.
-        declaration: layout of its payload, or of the content of its frame.
+        declaration: layout of its payload.
         parse: payload -> value; refuses what breaks the rules of its section.
         pack: the inverse.
         taken: the value to write in a layer where the block may stand, None for no block.
@@ -70,9 +70,7 @@ class BlockSpec:
         layers: model -> layers in which something first needs the block, None for what nothing needs; it may stand
             nowhere else. None for kinds that may stand in any layer.
         required: whether it must stand in all of these.
-        content_limit: of a block that is one Zstandard frame, the most bytes its content may have; 0 for others.
-        field: what errors call that content.
-        counted: whether a reader limits what all such frames of a file unfold to together (SPEC §13.2).
+        field: what errors call the numbers of a block of numbers.
         parameters: what the declaration is read with.
     """
 
@@ -86,7 +84,5 @@ class BlockSpec:
     elements: str
     layers: Callable[[SceneModel], Collection[int | None]] | None = None
     required: bool = False
-    content_limit: int = 0
     field: str = ""
-    counted: bool = False
     parameters: Callable[[bytes, Reading], dict[str, Any]] = no_parameters

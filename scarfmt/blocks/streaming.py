@@ -27,20 +27,20 @@ Levels = NDArray[np.uint8]
 STREAMING = Record(
     "tile_count" / count(MAX_TILES),
     "view_count" / count(1) * "1 if there is a view to begin with",
-    "view" / array({4: "f4"}, f"view_count * {_VIEW}", 4) * "position, target, up, vertical field in radians",
+    "view" / array("f4", f"view_count * {_VIEW}") * "position, target, up, vertical field in radians",
     Rule(
         Check("R-7.13-1", "its numbers are finite, its field is between 0 and π", "bad-streaming"),
         lambda at: _is_view(at["view"]),
         lambda at: _bad("the view is not one"),
     ),
-    "low" / array({1: "u1"}, "tile_count * 3", 1) * "x, y, z of each tile, in 1/256 of its side",
-    "high" / array({1: "u1"}, "tile_count * 3", 1),
+    "low" / array("u1", "tile_count * 3") * "x, y, z of each tile, in 1/256 of its side",
+    "high" / array("u1", "tile_count * 3"),
     Rule(
         Check("R-7.13-1", "low is at most high", "bad-streaming"),
         lambda at: bool((at["low"] <= at["high"]).all()),
         lambda at: _bad("a box ends before it begins"),
     ),
-    "reach" / array({1: "u1"}, "tile_count", 1),
+    "reach" / array("u1", "tile_count"),
 )
 
 

@@ -38,9 +38,9 @@ _HEAD = f"{'offset':>10} {'length':>8}  {'field':<56} {'SPEC':<5} value"
 def dump(ctx: click.Context, file: str, as_json: bool, full: bool, blocks: tuple[str, ...]) -> None:
     """List all bytes of FILE (a path, a URL or -): the field, its value, and the section of SPEC.md that defines it.
 
-    Every byte belongs to one row. The rows of a Zstandard frame are followed by those of its content, whose offsets are
-    marked + and count from its start. Symbols inside sub-streams are not decoded. A damaged file is listed as far as it
-    can be read. The faults come last, on stderr, and the exit code is 1.
+    Every byte belongs to one row. The row of a block of adaptive numbers is followed by those of its fields, whose
+    offsets are marked + and count its numbers. Symbols inside sub-streams are not decoded. A damaged file is listed as
+    far as it can be read. The faults come last, on stderr, and the exit code is 1.
 
     \b
     Examples:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from scarfmt.blocks.mlp import QuantisedMlp
 from scarfmt.blocks.registry import BLOCKS, MODEL_BLOCKS
-from scarfmt.blocks.spec import Inflate, Reading
+from scarfmt.blocks.spec import Reading, Spend
 from scarfmt.coding.checks_of_models import check_index_network, check_networks
 from scarfmt.coding.tile import NeuralModels
 from scarfmt.container.directory import Entry, block_name
@@ -49,12 +49,12 @@ class ModelBlocks:
 
     Args:
         payloads: of each block.
-        inflate: reads Zstandard frames.
+        spend: takes symbols of tables from what is allowed.
     """
 
-    def __init__(self, payloads: Mapping[Entry, bytes], inflate: Inflate) -> None:
+    def __init__(self, payloads: Mapping[Entry, bytes], spend: Spend) -> None:
         self._blocks = {(entry.kind, entry.layer): (entry, payload) for entry, payload in payloads.items()}
-        self._inflate = inflate
+        self._spend = spend
 
     def __len__(self) -> int:
         return len(self._blocks)
@@ -73,7 +73,7 @@ class ModelBlocks:
                 )
             return None
         entry, payload = self._blocks[kind, layer]
-        return placed(entry, lambda: spec.parse(payload, Reading(layer, opening, self._inflate)))
+        return placed(entry, lambda: spec.parse(payload, Reading(layer, opening, self._spend)))
 
     def needed(self, kind: BlockKind, model: SceneModel) -> Iterator[tuple[int, Any]]:
         """(layer, what the block holds) of each layer that first needs a block of a kind, read one after the other."""

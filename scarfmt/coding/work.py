@@ -12,12 +12,11 @@ from collections.abc import Iterator, Mapping, Sequence
 
 from scarfmt.arrays import I64
 from scarfmt.coding.models import SceneModels
-from scarfmt.container.bytefields import decompress
 from scarfmt.container.schema import Profile, Stream
 from scarfmt.entropy.keys import TableKey
 from scarfmt.entropy.symbol_tables import SymbolTable
 from scarfmt.errors import LimitExceeded
-from scarfmt.limits import FREE_CONTENT, FREE_WORK, Limits
+from scarfmt.limits import FREE_TABLE_SYMBOLS, FREE_WORK, Limits
 from scarfmt.neural.network import IndexNetwork
 from scarfmt.scene.model import LayerRow, SceneModel
 
@@ -160,29 +159,24 @@ def _of_result(models: SceneModels) -> int:
     return PRODUCT * products + NUMBER * numbers + OUTPUT * kept
 
 
-class Contents:
-    """The bytes to which all Zstandard frames of the tables of a file may unfold together (SPEC §13.2).
+class TableSymbols:
+    """The symbols that the tables of a file may have together (SPEC §13.2).
 
     Args:
         file_length: of the file.
         limits: what the reader accepts.
 
     Attributes:
-        left: bytes that the next frames may unfold to.
+        left: symbols that the next tables may have.
     """
 
     def __init__(self, file_length: int, limits: Limits) -> None:
-        self.left = FREE_CONTENT + limits.content_per_byte * file_length
+        self.left = FREE_TABLE_SYMBOLS + limits.table_symbols_per_byte * file_length
 
-    def decompress(self, frame: bytes, limit: int, field: str) -> bytes:
-        """:func:`scarfmt.container.bytefields.decompress`, where no more is left than the frames before did not use.
-
-        Raises:
-            LimitExceeded: ``limit-expansion``.
-        """
-        content = decompress(frame, limit, field, self.left)
-        self.left -= len(content)
-        return content
+    def spend(self, count: int) -> bool:
+        """Take `count` of them; whether there were as many."""
+        self.left -= count
+        return self.left >= 0
 
 
 def check_work(work: int, file_length: int, limits: Limits) -> None:

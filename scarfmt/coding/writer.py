@@ -18,7 +18,7 @@ from scarfmt.blocks.mlp import QuantisedMlp
 from scarfmt.blocks.registry import BLOCKS
 from scarfmt.blocks.spec import Writing
 from scarfmt.blocks.streaming import Streaming
-from scarfmt.blocks.tables import fit_table, pack_table
+from scarfmt.blocks.tables import fit_table, table_bits
 from scarfmt.codecs.channels import coarsen
 from scarfmt.coding.checks_of_scene import check_books, check_content
 from scarfmt.coding.reader import SceneReader
@@ -111,7 +111,7 @@ def fitted_tables(histograms: Histogram, known: Mapping[TableKey, SymbolTable]) 
     for key, (alphabet, counts) in histograms.items():
         table = fit_table(alphabet, counts)
         if key in known:
-            own = float((table.table.bits * counts).sum()) + 8 * len(pack_table(key, table))
+            own = float((table.table.bits * counts).sum()) + table_bits(table)
             if known[key].cost_of_counts(alphabet, counts) <= own:
                 continue
         sent[key] = table

@@ -9,7 +9,7 @@
     file        a whole container, written
     substreams  the table at the front of a TILE block
     morton      the order of tiles, and of anchors in them (SPEC §6.3)
-    bytefields  varints and counts of block contents, and the Zstandard frames round some of them
+    bytefields  varints and counts of block contents
 
 Nothing here knows what a block holds. Imports nothing but `scarfmt.errors` and `scarfmt.limits`.
 """

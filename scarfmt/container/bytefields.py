@@ -1,30 +1,19 @@
-"""Variable-length integers, bounds-checked reading inside a payload, Zstandard frames (SPEC §5.7, §5.8).
+"""Variable-length integers, bounds-checked reading inside a payload (SPEC §5.7).
 
 LEB128: seven bits a byte, least significant group first, the top bit set on all but the last byte.
-Signed values are zigzag-mapped first. A varint must be as short as its value allows.
+A varint must be as short as its value allows.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from itertools import accumulate
 from typing import Any, Protocol
 
 import numpy as np
-import zstandard
 from numpy.typing import NDArray
 
 from scarfmt.arrays import I64
 from scarfmt.errors import InvalidInput, LimitExceeded, Malformed
 
-MAX_ZSTD_WINDOW = 8 << 20
-_ZSTD_LEVEL = 19
-_MAGIC = bytes.fromhex("28b52ffd")
-_SINGLE_SEGMENT, _RESERVED, _CHECKSUM = 1 << 5, 1 << 3, 1 << 2
-_DICTIONARY_BYTES = (0, 1, 2, 4)
-_SIZE_BYTES = (0, 2, 4, 8)
-_HEAD = ("magic", "descriptor", "window", "dictionary", "content_size")
-_BLOCK_KINDS = ("raw", "repeated", "compressed", "reserved")
 # So few integers are read faster one by one.
 _FEW = 12
 
@@ -39,11 +28,6 @@ def unsigned_varint(value: int) -> bytes:
         value >>= 7
     out.append(value)
     return bytes(out)
-
-
-def signed_varint(value: int) -> bytes:
-    """LEB128 bytes of the zigzag map 0, -1, 1, -2, ... -> 0, 1, 2, 3, ..."""
-    return unsigned_varint(2 * value if value >= 0 else -2 * value - 1)
 
 
 def unsigned_varints(values: I64) -> bytes:
@@ -165,11 +149,6 @@ class ByteReader:
         """A u32."""
         return int.from_bytes(self.take(4), "little")
 
-    def signed(self, bits: int) -> int:
-        """A zigzag LEB128 integer whose mapped value is below 2^bits."""
-        mapped = self.unsigned(bits)
-        return mapped >> 1 if mapped % 2 == 0 else -(mapped >> 1) - 1
-
     def count(self, limit: int) -> int:
         """A LEB128 count of at most `limit` elements.
 
@@ -195,122 +174,3 @@ class ByteReader:
         if self.position != len(self._data):
             left = len(self._data) - self.position
             raise Malformed("payload-long", f"{left} bytes after the end of the structure", field=self._field)
-
-
-def compress(payload: bytes) -> bytes:
-    """One zstd frame with content size, without checksum (SPEC §5.8)."""
-    parameters = zstandard.ZstdCompressionParameters.from_level(
-        _ZSTD_LEVEL, source_size=len(payload), write_content_size=True, write_checksum=False, window_log=23
-    )
-    return zstandard.ZstdCompressor(compression_params=parameters).compress(payload)
-
-
-def decompress(frame: bytes, limit: int, field: str, allowance: int | None = None) -> bytes:
-    """The content of exactly one zstd frame (SPEC §5.8).
-
-    Args:
-        limit: most bytes the content may have.
-        allowance: most bytes this reader accepts.
-
-    Raises:
-        LimitExceeded: ``content-limit``; ``limit-expansion`` beyond the allowance.
-        Malformed: ``bad-zstd`` for anything that is not one whole frame with its content size, at least 1, a window
-            of at most 8 MiB, and neither dictionary nor checksum.
-    """
-    size, window, dictionary, checksum = frame_header(frame, field)
-    # Size 0 too: zstandard then looks at nothing after the frame header, and no structure here is empty.
-    if not size or dictionary:
-        raise Malformed("bad-zstd", "a zstd frame must state its content size, without dictionary", field=field)
-    # The block's CRC-32 covers the same bytes, and a decoder of its own is then simpler.
-    if checksum:
-        raise Malformed("bad-zstd", "a zstd frame must not carry a checksum (SPEC §5.8)", field=field)
-    if size > limit:
-        raise LimitExceeded("content-limit", f"{size} bytes of content, at most {limit} allowed", field=field)
-    # Checked here: zstandard applies its own window limit only when it streams.
-    if window > MAX_ZSTD_WINDOW:
-        message = f"a window of {window} bytes, at most 8 MiB allowed (SPEC §5.8)"
-        raise Malformed("bad-zstd", message, field=field)
-    # After the rules of the format: what a reader may refuse by itself hides no fault of a frame header.
-    if allowance is not None and size > allowance:
-        message = f"{size} bytes of content from {len(frame)}: raise this reader's limit if you trust the file"
-        raise LimitExceeded("limit-expansion", message, field=field)
-    try:
-        decoder = zstandard.ZstdDecompressor()
-        content = decoder.decompress(frame, max_output_size=size, allow_extra_data=False)
-    except zstandard.ZstdError as error:
-        raise Malformed("bad-zstd", f"not one whole zstd frame: {error}", field=field) from error
-    if len(content) != size:
-        raise Malformed("bad-zstd", f"{len(content)} bytes of content, {size} declared", field=field)
-    return content
-
-
-def frame_header(frame: bytes, field: str) -> tuple[int, int, int, bool]:
-    """What the header of `frame` says, as SPEC §5.8 orders its checks.
-
-    The zstandard package refuses some headers, those of huge windows, before it tells what they say.
-
-    Returns:
-        Bytes of the content, 0 also where it does not say; bytes a decoder must keep; id of the dictionary, 0 for
-        none; whether a checksum follows.
-
-    Raises:
-        Malformed: ``bad-zstd`` for no frame, a header that is cut, or its reserved bit.
-    """
-    if len(frame) < 5 or not frame.startswith(_MAGIC):
-        raise Malformed("bad-zstd", "not a zstd frame", field=field)
-    descriptor, head = frame[4], _head(frame)
-    if descriptor & _RESERVED:
-        raise Malformed("bad-zstd", "a reserved bit of a zstd frame is 1", field=field)
-    if head["content_size"].stop > len(frame):
-        raise Malformed("bad-zstd", "the header of a zstd frame is cut", field=field)
-    _, _, window, dictionary, size = (int.from_bytes(frame[part.start : part.stop], "little") for part in head.values())
-    # Two bytes count from 256 on: one would do for less.
-    size += 256 if len(head["content_size"]) == 2 else 0
-    reach = _window(window) if head["window"] else size
-    return size, reach, dictionary, bool(descriptor & _CHECKSUM)
-
-
-def _head(frame: bytes) -> dict[str, range]:
-    """The bytes of each field of a frame's header, as its descriptor says; some have none."""
-    single = bool(frame[4] & _SINGLE_SEGMENT)
-    size_bytes = _SIZE_BYTES[frame[4] >> 6] or int(single)
-    sizes = (4, 1, int(not single), _DICTIONARY_BYTES[frame[4] & 3], size_bytes)
-    ends = accumulate(sizes)
-    return {name: range(end - size, end) for name, size, end in zip(_HEAD, sizes, ends, strict=True)}
-
-
-def _window(descriptor: int) -> int:
-    base = 1 << (10 + (descriptor >> 3))
-    return base + base // 8 * (descriptor & 7)
-
-
-def frame_fields(frame: bytes) -> Iterator[tuple[str, int, int, Any]]:
-    """(name, start, past, value) of each field of `frame` and its blocks, in order, as far as they go.
-
-    Fields of no bytes are left out; so is what follows a field that the frame is too short for.
-    """
-    if len(frame) < 5 or not frame.startswith(_MAGIC):
-        return
-    head = _head(frame)
-    for name, part in head.items():
-        if part and part.stop <= len(frame):
-            data = frame[part.start : part.stop]
-            yield name, part.start, part.stop, data if name == "magic" else int.from_bytes(data, "little")
-    yield from _block_fields(frame, head["content_size"].stop, bool(frame[4] & _CHECKSUM))
-
-
-def _block_fields(frame: bytes, at: int, checksum: bool) -> Iterator[tuple[str, int, int, Any]]:
-    number, last = 0, False
-    while not last and at + 3 <= len(frame):
-        head = int.from_bytes(frame[at : at + 3], "little")
-        last, kind, size = bool(head & 1), _BLOCK_KINDS[head >> 1 & 3], head >> 3
-        yield f"block[{number}].head", at, at + 3, f"{kind}, {size} bytes" + (", last" if last else "")
-        at += 3
-        stored = 1 if kind == "repeated" else size
-        if at + stored > len(frame):
-            return
-        if stored:
-            yield f"block[{number}].data", at, at + stored, frame[at : at + stored]
-        at, number = at + stored, number + 1
-    if last and checksum and at + 4 <= len(frame):
-        yield "checksum", at, at + 4, int.from_bytes(frame[at : at + 4], "little")

@@ -1,7 +1,6 @@
 /* HASH_GRID blocks (SPEC 10.6). */
 
 #include "tile.h"
-#include "crc32.h"
 #include "rans.h"
 
 #define MOST_LEVELS 16
@@ -41,14 +40,8 @@ int64_t grid_bits(const GridLevel *level) {
 static const uint8_t *read_bits(Reader *reader, Pool *pool, int64_t n) {
     const uint32_t ones = read_u8(reader);
     demand(ones, BAD);
-    const int64_t length = read_u32(reader), count = length / 4;
-    const uint8_t *bytes = read_bytes(reader, length);
-    demand(length % 4 == 0, "rans-length");
-    uint32_t *words = pool_take(&layer_scratch, length);
-    for (int64_t i = 0; i < count; i++) words[i] = little32(bytes + 4 * i);
-    demand(!count || words[count - 1], "rans-last-word");
-    Rans rans = {0, (uint64_t)count, words};
-    scar_rans_open(&rans);
+    const int64_t length = read_u32(reader);
+    Rans rans = open_stream((Body){read_bytes(reader, length), length});
     /* Of weights 256 - ones and ones (SPEC 8.1). */
     const uint32_t second = (uint32_t)((uint64_t)(256 - ones) * (TOTAL - 2) / 256 + 1);
     uint8_t *bits = pool_take(pool, n);
@@ -57,7 +50,7 @@ static const uint8_t *read_bits(Reader *reader, Pool *pool, int64_t n) {
         bits[i] = slot >= second;
         advance(&rans, slot, bits[i] ? second : 0, bits[i] ? TOTAL : second);
     }
-    demand(!rans.state && !rans.left, "rans-seal");
+    seal_stream(&rans);
     return bits;
 }
 

@@ -94,7 +94,7 @@ typedef struct {
     int64_t passes_log2, depths, targets[MOST_DEPTHS];
     int64_t attributes;  /* components of all attribute channels */
     int64_t most_stages; /* that a class has in the layers read */
-    int64_t table_content; /* bytes of all TABLES blocks */
+    int64_t table_symbols; /* of all TABLES blocks */
     Row rows[MOST_FILE_LAYERS + 1]; /* the first: before layer 1 */
     TablesInForce tables[MOST_FILE_LAYERS + 1];
     PredictorsInForce predictors[MOST_FILE_LAYERS + 1];

@@ -1,64 +1,81 @@
 /* DECODER_MLP, SCENE_MLP and CODEBOOKS blocks (SPEC 7.8, 7.9). */
 
+#include "numbers.h"
 #include "tile.h"
-#include "zstd.h"
 
-#define MOST_CONTENT (16ll << 20)
+#define MOST_WEIGHTS (1ll << 20)
 #define MOST_WIDTH 1024
 #define MOST_CODEWORDS 4096
 #define MOST_WORD 65535
 #define MOST_NETWORKS 8
 
+/* A block of networks, the models of its fields, and how many weights it has so far. */
+typedef struct {
+    Rans rans;
+    NumberModel networks, layers, rows, columns, weights, scales, biases;
+    int64_t declared;
+} NetworkNumbers;
+
 /* n finite numbers, and zeros up to `room`. */
-static float *read_finite(Reader *reader, Pool *pool, int64_t n, int64_t room) {
+static float *read_finite(Rans *rans, NumberModel *model, Pool *pool, int64_t n, int64_t room) {
     float *numbers = pool_zeros(pool, 4 * room);
     int finite = 1;
     for (int64_t i = 0; i < n; i++) {
-        numbers[i] = read_f32(reader);
+        numbers[i] = read_f32(rans, model);
         finite &= __builtin_isfinite(numbers[i]) != 0;
     }
     demand(finite, "bad-mlp");
     return numbers;
 }
 
-static void read_mlp_layer(Reader *reader, Pool *pool, int64_t inputs, MlpLayer *out) {
-    out->rows = read_count(reader, MOST_WIDTH);
+/* Column after column, without the scales. */
+static float *read_integers(NetworkNumbers *numbers, Pool *pool, const MlpLayer *layer) {
+    float *weights = pool_zeros(pool, 4 * layer->columns * layer->stride);
+    int fits = 1;
+    for (int64_t row = 0; row < layer->rows; row++)
+        for (int64_t column = 0; column < layer->columns; column++) {
+            const int64_t weight = read_signed(&numbers->rans, &numbers->weights);
+            fits &= weight == (int16_t)weight;
+            weights[column * layer->stride + row] = (float)weight;
+        }
+    demand(fits, "bad-mlp");
+    return weights;
+}
+
+static void read_mlp_layer(NetworkNumbers *numbers, Pool *pool, int64_t inputs, MlpLayer *out) {
+    Rans *rans = &numbers->rans;
+    out->rows = read_limited(rans, &numbers->rows, MOST_WIDTH);
     demand(out->rows >= 1, "bad-mlp");
-    out->columns = read_count(reader, MOST_WIDTH);
+    out->columns = read_limited(rans, &numbers->columns, MOST_WIDTH);
     demand(out->columns >= 1 && (!inputs || inputs == out->columns), "bad-mlp");
-    const int64_t width = read_u8(reader), n = out->rows * out->columns;
-    demand(width == 1 || width == 2, "bad-mlp");
-    const uint8_t *bytes = read_bytes(reader, n * width);
+    numbers->declared += out->rows * out->columns;
+    demand(numbers->declared <= MOST_WEIGHTS, "content-limit");
     out->stride = (out->rows + FILLED - 1) / FILLED * FILLED;
-    const float *scales = read_finite(reader, pool, out->rows, out->rows);
-    out->biases = read_finite(reader, pool, out->rows, out->stride);
-    float *weights = pool_zeros(pool, 4 * out->columns * out->stride);
-    for (int64_t i = 0; i < n; i++) {
-        const int32_t weight = width == 1 ? (int8_t)bytes[i] : (int16_t)(bytes[2 * i] | bytes[2 * i + 1] << 8);
-        const int64_t row = i / out->columns, column = i % out->columns;
-        weights[column * out->stride + row] = (float)((double)weight * (double)scales[row]);
-    }
+    float *weights = read_integers(numbers, pool, out);
+    const float *scales = read_finite(rans, &numbers->scales, pool, out->rows, out->rows);
+    out->biases = read_finite(rans, &numbers->biases, pool, out->rows, out->stride);
+    for (int64_t i = 0; i < out->columns * out->stride; i += out->stride)
+        for (int64_t row = 0; row < out->rows; row++)
+            weights[i + row] = (float)((double)weights[i + row] * (double)scales[row]);
     out->weights = weights;
 }
 
-static void read_mlp(Reader *reader, Pool *pool, Mlp *out) {
-    out->layers = read_count(reader, MOST_MLP_LAYERS);
+static void read_mlp(NetworkNumbers *numbers, Pool *pool, Mlp *out) {
+    out->layers = read_limited(&numbers->rans, &numbers->layers, MOST_MLP_LAYERS);
     demand(out->layers >= 1, "bad-mlp");
     for (int64_t l = 0; l < out->layers; l++)
-        read_mlp_layer(reader, pool, l ? out->layer[l - 1].rows : 0, out->layer + l);
+        read_mlp_layer(numbers, pool, l ? out->layer[l - 1].rows : 0, out->layer + l);
 }
 
 /* The networks of a block, the first `most` of them into `out`; returns how many it holds. */
 int64_t read_networks(Model *m, Body block, Mlp *out, int64_t most) {
-    const FrameHeader header = zstd_header(block.bytes, block.length, MOST_CONTENT);
-    const Content content = zstd_content(block.bytes, block.length, header, &layer_scratch);
-    Reader reader = {content.bytes, content.length, 0};
-    const int64_t count = read_count(&reader, MOST_NETWORKS);
+    NetworkNumbers numbers = {.rans = open_stream(block)};
+    const int64_t count = read_limited(&numbers.rans, &numbers.networks, MOST_NETWORKS);
     for (int64_t i = 0; i < count; i++) {
         Mlp other;
-        read_mlp(&reader, &m->pool, i < most ? out + i : &other);
+        read_mlp(&numbers, &m->pool, i < most ? out + i : &other);
     }
-    read_end(&reader);
+    seal_stream(&numbers.rans);
     return count;
 }
 

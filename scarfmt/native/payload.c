@@ -19,13 +19,6 @@ uint8_t read_u8(Reader *reader) { return *read_bytes(reader, 1); }
 
 uint32_t read_u32(Reader *reader) { return little32(read_bytes(reader, 4)); }
 
-float read_f32(Reader *reader) {
-    const uint32_t bits = read_u32(reader);
-    float out;
-    memcpy(&out, &bits, 4);
-    return out;
-}
-
 double read_f64(Reader *reader) {
     const uint64_t low = read_u32(reader), bits = (uint64_t)read_u32(reader) << 32 | low;
     double out;
@@ -45,11 +38,6 @@ uint64_t read_varint(Reader *reader, int64_t bits) {
         }
         demand(shift + 7 <= bits, "bad-varint");
     }
-}
-
-int64_t read_svarint(Reader *reader, int64_t bits) {
-    const uint64_t m = read_varint(reader, bits);
-    return m & 1 ? -(int64_t)(m >> 1) - 1 : (int64_t)(m >> 1);
 }
 
 int64_t read_count(Reader *reader, int64_t most) {

@@ -218,7 +218,7 @@ static void begin(const Work *w, Lane *s, int64_t channel) {
     s->channel = channel, s->step = w->layer->start[channel] - 1;
     s->kind = s->kinds = s->component = s->count = s->run.count = 0, s->taken = -1;
     s->bad_trit = s->out_of_range = 0;
-    s->fault = open_words(w, w->m->channel[channel].stream, &s->rans);
+    s->fault = open_words(w->parts[w->m->channel[channel].stream], &s->rans);
 }
 
 static const char *end(const Work *w, const Lane *s) {

@@ -1,21 +1,28 @@
 /* TABLES blocks (SPEC 8.1, 8.3), and the tables of a step side by side as the kernel reads them. */
 
-#include <string.h>
-
-#include "tile.h"
+#include "numbers.h"
 #include "rans.h"
 #include "steps.h"
-#include "zstd.h"
+#include "tile.h"
 
 #define MOST_TABLES 65536
 #define MOST_ALPHABET 4096
-#define MOST_CONTENT (64ll << 20)
-#define CONTENT_PER_BYTE 8
-#define CONTENT_AT_LEAST (1ll << 20)
+#define MOST_DIGIT 255
+#define WEIGHT_BITS 24
+#define SYMBOLS_PER_BYTE 1
+#define SYMBOLS_AT_LEAST (1ll << 16)
+#define STEPS_APART 3 /* steps with models of their own; the last serves all later ones too */
 #define LARGEST 2147483647
 #define FEW 3
 #define MOST_NEAR_BITS 10
 #define PARTS_A_SYMBOL 8
+
+/* A TABLES block and the models of its fields. */
+typedef struct {
+    Rans rans;
+    NumberModel count, digits[4][2], more[STEPS_APART], first[STEPS_APART], gaps[STEPS_APART], precision[STEPS_APART];
+    NumberModel weights[WEIGHT_BITS];
+} TableNumbers;
 
 /* Cumulative frequencies of weights (SPEC 8.1). */
 static void put_sums(const uint32_t *weights, int64_t n, uint32_t *sums) {
@@ -46,25 +53,55 @@ static void find_near(Pool *pool, StaticTable *table) {
     }
 }
 
-static void read_record(Reader *reader, Pool *pool, StaticTable *out, uint32_t *weights) {
-    const int64_t size = read_count(reader, MOST_ALPHABET);
-    demand(size >= 1, "bad-table");
-    int32_t *values = pool_take(pool, 4 * size);
-    uint32_t *sums = pool_take(pool, 4 * (size + 1));
-    int64_t value = read_svarint(reader, 33);
-    for (int64_t i = 0; i < size; i++) {
-        if (i) value += (int64_t)read_varint(reader, 32) + 1;
-        demand(value >= -LARGEST && value <= LARGEST, "bad-table");
+static uint32_t read_key(TableNumbers *numbers, uint32_t before) {
+    uint32_t key = 0;
+    int same = 1;
+    for (int i = 0; i < 4; i++) {
+        const int64_t old = before >> (24 - 8 * i) & MOST_DIGIT;
+        int64_t digit = read_number(&numbers->rans, &numbers->digits[i][same]);
+        if (same) digit += old + (i == 3);
+        demand(digit <= MOST_DIGIT, "bad-table");
+        same &= digit == old;
+        key = key << 8 | (uint32_t)digit;
+    }
+    return key;
+}
+
+/* Ascending from at least -LARGEST on, as a signed number is. */
+static void read_alphabet(TableNumbers *numbers, int64_t kind, int64_t n, int32_t *values) {
+    int64_t value = read_signed(&numbers->rans, numbers->first + kind);
+    values[0] = (int32_t)value;
+    for (int64_t i = 1; i < n; i++) {
+        value += (int64_t)read_number(&numbers->rans, numbers->gaps + kind) + 1;
         values[i] = (int32_t)value;
     }
-    for (int64_t i = 0; i < size; i++) {
-        weights[i] = (uint32_t)read_varint(reader, 24);
-        demand(weights[i] >= 1, "bad-table");
+    demand(value <= LARGEST, "bad-table");
+}
+
+static void read_table_weights(TableNumbers *numbers, int64_t kind, int64_t n, uint32_t *weights) {
+    const int64_t precision = read_limited(&numbers->rans, numbers->precision + kind, WEIGHT_BITS - 1);
+    uint32_t bits = 0;
+    for (int64_t i = 0; i < n; i++) {
+        weights[i] = read_number(&numbers->rans, numbers->weights + precision) + 1;
+        bits |= weights[i];
     }
+    demand(bits >> WEIGHT_BITS == 0, "bad-table");
+}
+
+static void read_record(Model *m, TableNumbers *numbers, StaticTable *out) {
+    const int64_t step = out->key >> 8 & MOST_DIGIT, kind = step < STEPS_APART ? step : STEPS_APART - 1;
+    const int64_t size = read_limited(&numbers->rans, numbers->more + kind, MOST_ALPHABET - 1) + 1;
+    m->table_symbols += size;
+    demand(m->table_symbols <= SYMBOLS_AT_LEAST + SYMBOLS_PER_BYTE * m->file_length, "limit-expansion");
+    int32_t *values = pool_take(&m->pool, 4 * size);
+    uint32_t *sums = pool_take(&m->pool, 4 * (size + 1)), weights[MOST_ALPHABET];
+    weights[0] = 1;
+    read_alphabet(numbers, kind, size, values);
+    if (size > 1) read_table_weights(numbers, kind, size, weights);
     put_sums(weights, size, sums);
     *out = (StaticTable){.key = out->key, .size = (int32_t)size, .values = values, .sums = sums};
     if (size <= FEW) out->few = few_of(out);
-    else find_near(pool, out);
+    else find_near(&m->pool, out);
 }
 
 /* The tables of a layer and those of the layer before, where the layer has none of their key (R-8.3-2). */
@@ -83,25 +120,18 @@ static void merge_tables(Model *m, int64_t k, const StaticTable *added, int64_t 
 /* The TABLES block of layer k, if it has one. */
 void read_tables(Model *m, int64_t k) {
     const Body block = m->blocks[k][TABLES_BLOCK];
-    uint32_t weights[MOST_ALPHABET];
     if (!block.bytes) {
         m->tables[k] = m->tables[k - 1];
         return;
     }
-    const FrameHeader header = zstd_header(block.bytes, block.length, MOST_CONTENT);
-    m->table_content += header.content;
-    demand(m->table_content <= CONTENT_AT_LEAST + CONTENT_PER_BYTE * m->file_length, "limit-expansion");
-    const Content content = zstd_content(block.bytes, block.length, header, &layer_scratch);
-    Reader reader = {content.bytes, content.length, 0};
-    const int64_t count = read_count(&reader, MOST_TABLES);
+    TableNumbers numbers = {.rans = open_stream(block)};
+    const int64_t count = read_limited(&numbers.rans, &numbers.count, MOST_TABLES);
     StaticTable *added = pool_take(&m->pool, (int64_t)sizeof *added * count);
-    int64_t before = -1;
-    for (int64_t i = 0; i < count; before = added[i++].key) {
-        added[i].key = (uint32_t)read_varint(&reader, 32);
-        demand(added[i].key > before, "bad-table");
-        read_record(&reader, &m->pool, added + i, weights);
+    for (int64_t i = 0; i < count; i++) {
+        added[i].key = read_key(&numbers, i ? added[i - 1].key : 0);
+        read_record(m, &numbers, added + i);
     }
-    read_end(&reader);
+    seal_stream(&numbers.rans);
     merge_tables(m, k, added, count);
 }
 

@@ -79,8 +79,10 @@ TileState *grown_tile(const Model *m, TileState *old, int64_t new);
 /* Sub-streams (SPEC 7.1). */
 void fill_crc_table(void);
 void find_parts(Work *w, Body block);
-const char *open_words(const Work *w, int64_t stream, Rans *out); /* what they break, or NULL */
-Rans open_stream(const Work *w, int64_t stream);
+
+/* Streams of any block (SPEC 8.2). */
+const char *open_words(Body bytes, Rans *out); /* what they break, or NULL */
+Rans open_stream(Body bytes);
 void seal_stream(const Rans *rans);
 
 /* n values by their kinds, into w->symbols. */

@@ -79,7 +79,7 @@ static void read_channel(Work *w, int64_t channel) {
     if (model->stream != OFFSETS && !(w->layer->predictors[channel] && w->t->known)) {
         read_static_channels(w, (int64_t[]){channel}, 1);
     } else {
-        Rans rans = open_stream(w, model->stream);
+        Rans rans = open_stream(w->parts[model->stream]);
         if (model->stream == OFFSETS) read_offsets(w, &rans, channel);
         else read_predicted(w, &rans, channel);
         seal_stream(&rans);

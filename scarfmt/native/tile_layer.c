@@ -17,7 +17,7 @@ int64_t *by_anchor(const Work *w, Pool *pool, const int64_t *by_class) {
 
 static void read_positions(Work *w) {
     Pool *pool = &channel_scratch;
-    Rans rans = open_stream(w, POSITIONS);
+    Rans rans = open_stream(w->parts[POSITIONS]);
     int64_t *numbers[8];
     pool_empty(pool, 1);
     for (int i = 0; i < 8; i++) numbers[i] = pool_take(pool, 8 * w->new);
@@ -34,7 +34,7 @@ static void read_positions(Work *w) {
 static void read_classes(Work *w) {
     const int64_t first = w->m->rows[w->k - 1].classes, count = w->m->rows[w->k].classes - first;
     uint8_t *classes = w->t->classes + w->t->known - w->new;
-    Rans rans = open_stream(w, CLASSES);
+    Rans rans = open_stream(w->parts[CLASSES]);
     if (count > 1) {
         memset(w->kinds, 0, 2 * (size_t)w->new);
         read_kinds(w, &rans, w->layer->classes, w->kinds, w->new);
@@ -52,7 +52,7 @@ static void read_classes(Work *w) {
 static void read_masks(Work *w) {
     const int64_t n = w->t->known, slots = w->m->slots;
     int32_t *anchors = w->chosen;
-    Rans rans = open_stream(w, MASKS);
+    Rans rans = open_stream(w->parts[MASKS]);
     pool_empty(&channel_scratch, 1);
     uint8_t *on = pool_zeros(&channel_scratch, n);
     for (int64_t p = 0; p < n * slots; p++) on[p / slots] += w->t->slots[p] != 0;
@@ -127,7 +127,7 @@ static void read_stage(Work *w, Rans *rans, int64_t stage) {
 }
 
 static void read_indices(Work *w) {
-    Rans rans = open_stream(w, INDICES);
+    Rans rans = open_stream(w->parts[INDICES]);
     if (w->m->rows[w->k].mode)
         read_network_indices(w, &rans);
     else

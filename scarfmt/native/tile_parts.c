@@ -1,4 +1,4 @@
-/* The sub-streams of a TILE block (SPEC 7.1). */
+/* The sub-streams of a TILE block (SPEC 7.1), and streams of any block opened and sealed (SPEC 8.2). */
 
 #include <string.h>
 
@@ -49,19 +49,19 @@ void find_parts(Work *w, Body block) {
     }
 }
 
-const char *open_words(const Work *w, int64_t stream, Rans *out) {
-    const Body part = w->parts[stream];
-    const int64_t count = part.length / 4;
-    uint32_t *words = pool_take(&layer_scratch, part.length);
-    for (int64_t i = 0; i < count; i++) words[i] = little32(part.bytes + 4 * i);
+const char *open_words(Body bytes, Rans *out) {
+    const int64_t count = bytes.length / 4;
+    if (bytes.length % 4) return "rans-length";
+    uint32_t *words = pool_take(&layer_scratch, bytes.length);
+    for (int64_t i = 0; i < count; i++) words[i] = little32(bytes.bytes + 4 * i);
     *out = (Rans){0, (uint64_t)count, words};
     scar_rans_open(out);
     return !count || words[count - 1] ? NULL : "rans-last-word";
 }
 
-Rans open_stream(const Work *w, int64_t stream) {
+Rans open_stream(Body bytes) {
     Rans rans;
-    const char *fault = open_words(w, stream, &rans);
+    const char *fault = open_words(bytes, &rans);
     demand(!fault, fault);
     return rans;
 }

@@ -38,7 +38,7 @@ ROOT = Record(
 """Parameters: `layer_count` and `page_count`."""
 
 TILE_PAGE = Record(
-    "depth" / array({1: "u1"}, "tiles", 1), "shift" / array({1: "u1"}, "tiles", 1), "gap" / varints(63, "tiles")
+    "depth" / array("u1", "tiles"), "shift" / array("u1", "tiles"), "gap" / varints(63, "tiles")
 )
 """Parameter: `tiles` of the page."""
 
@@ -46,6 +46,6 @@ ROW_PAGE = Record(
     "length" / varints(53, "tiles"),
     "present" / Derived(lambda at: int(np.count_nonzero(at["length"]))),
     "count" / varints(32, "present"),
-    "crc32" / array({4: "u4"}, "present", 4),
+    "crc32" / array("u4", "present"),
 )
 """Parameter: `tiles` of the page."""

@@ -13,12 +13,11 @@ from enum import IntEnum
 from functools import partial
 from typing import Any
 
-from scarfmt.blocks.declare import Record, read
+from scarfmt.blocks.declare import NumberRecord, Record, read
 from scarfmt.blocks.registry import BLOCKS
 from scarfmt.blocks.spec import BlockSpec, Reading
 from scarfmt.coding.models import NOTHING_OPENED
-from scarfmt.coding.work import Contents
-from scarfmt.container.bytefields import decompress, frame_fields
+from scarfmt.coding.work import TableSymbols
 from scarfmt.container.directory import block_name, total
 from scarfmt.container.file import Container, Entry, check_crc, read_header
 from scarfmt.container.registries import BlockKind, ColourSpace, CoordinateFrame, Profile, RenderModel, Stream
@@ -74,7 +73,7 @@ class Dump:
         self._opening = NOTHING_OPENED
 
     def rows(self) -> Iterator[Row]:
-        """All rows in file order, without gaps; those of decompressed content after those of its frame."""
+        """All rows in file order, without gaps; those of adaptive numbers after that of their bytes."""
         size = self._source.size
         container = self._container()
         past = size
@@ -157,12 +156,12 @@ class Dump:
         return moved(trace.rows, offset)
 
     def _blocks(self, container: Container) -> Iterator[Row]:
-        contents = Contents(container.header.file_length, DEFAULT_LIMITS)
+        symbols = TableSymbols(container.header.file_length, DEFAULT_LIMITS)
         seen: dict[int, int] = {}
         held: list[Row] = []
         for entry in container.entries:
             seen[entry.layer] = seen.get(entry.layer, 0) + (entry.kind == BlockKind.TILE)
-            rows = self._block(container, entry, contents)
+            rows = self._block(container, entry, symbols)
             if entry.kind == BlockKind.TILE and seen[entry.layer] > SHOWN_ITEMS and not self._full:
                 # Its rows are not shown, but what is refused is.
                 for _ in rows:
@@ -187,7 +186,7 @@ class Dump:
             if length > 0:
                 yield Row(start, length, name, f"{len(held)} blocks", "7.1")
 
-    def _block(self, container: Container, entry: Entry, contents: Contents) -> Iterator[Row]:
+    def _block(self, container: Container, entry: Entry, symbols: TableSymbols) -> Iterator[Row]:
         present = min(entry.length, self._source.size - entry.offset)
         if present <= 0:
             return
@@ -204,46 +203,35 @@ class Dump:
             rows = self._tile(entry, payload, name)
         elif spec is None:
             rows = iter([Row(0, len(payload), name, shown(payload, self._full), "5.6")])
-        elif spec.content_limit:
-            rows = self._frame(entry, payload, spec, contents)
+        elif isinstance(spec.declaration, NumberRecord):
+            rows = self._numbers(entry, payload, spec, symbols)
         else:
-            rows = self._fields(entry, payload, spec, payload)
+            rows = self._fields(entry, payload, spec, symbols)
         yield from moved(rows, entry.offset)
 
-    def _frame(self, entry: Entry, payload: bytes, spec: BlockSpec, contents: Contents) -> Iterator[Row]:
-        name = block_name(entry)
-        found = [
-            Row(start, past - start, f"{name}.frame.{part}", shown(value, self._full), "5.8")
-            for part, start, past, value in frame_fields(payload)
-        ]
-        yield from rest(found, len(payload), name, "5.8")
-        content = b""
+    def _numbers(self, entry: Entry, payload: bytes, spec: BlockSpec, symbols: TableSymbols) -> Iterator[Row]:
+        """A row for the stream, then those of its numbers."""
+        yield Row(0, len(payload), f"{block_name(entry)}.numbers", shown(payload, self._full), "8.5")
+        rows = self._fields(entry, payload, spec, symbols)
+        yield from (replace(row, content=True) for row in rows)
 
-        def unfold() -> None:
-            nonlocal content
-            inflate = contents.decompress if spec.counted else decompress
-            content = inflate(payload, spec.content_limit, spec.field)
-
-        if self._attempt(entry, unfold):
-            rows = self._fields(entry, content, spec, payload)
-            yield from (replace(row, content=True) for row in rows)
-
-    def _fields(self, entry: Entry, content: bytes, spec: BlockSpec, payload: bytes) -> Iterator[Row]:
+    def _fields(self, entry: Entry, payload: bytes, spec: BlockSpec, symbols: TableSymbols) -> Iterator[Row]:
         """Rows of what is declared, and what reading it refuses."""
         name = block_name(entry)
-        reading = Reading(entry.layer, self._opening, lambda payload, limit, field: content)
+        reading = Reading(entry.layer, self._opening, symbols.spend)
         trace = FieldRows(name, spec.section, self._full)
 
         def parse() -> None:
-            parameters = spec.parameters(content, reading)
-            read(spec.declaration, content, name, trace, **parameters)
-            value = spec.parse(payload, reading)
+            parameters = spec.parameters(payload, reading)
+            read(spec.declaration, payload, name, trace, **parameters)
+            value = spec.parse(payload, replace(reading, spend=lambda count: True))
             if entry.kind == BlockKind.LAYER:
                 self._opening = value[1]
 
         self._attempt(entry, parse)
         trace.close()
-        return rest(trace.rows, len(content), name, spec.section)
+        whole = isinstance(spec.declaration, NumberRecord)
+        return iter(trace.rows) if whole else rest(trace.rows, len(payload), name, spec.section)
 
     def _tile(self, entry: Entry, payload: bytes, name: str) -> Iterator[Row]:
         """Table of sub-streams, and each as its words and the state that decoding starts with."""

@@ -20,12 +20,12 @@ class Row:
     """Some bytes and what they are.
 
     Attributes:
-        offset: of the first; in the file, or in the content of the frame that the rows before lie in.
-        length: bytes, at least 1.
+        offset: of the first; in the file, or among the adaptive numbers of the row before.
+        length: bytes, or numbers, at least 1.
         field: what they are, from the block inwards.
         value: their value, abbreviated where there is much of it.
         section: of SPEC.md that describes them.
-        content: whether `offset` counts in the decompressed content of a Zstandard frame.
+        content: whether `offset` and `length` count adaptive numbers.
     """
 
     offset: int
@@ -133,5 +133,5 @@ def rest(rows: list[Row], length: int, name: str, section: str) -> Iterator[Row]
 
 
 def moved(rows: Iterable[Row], offset: int) -> Iterator[Row]:
-    """Rows of a part, with offsets in what it is a part of; those of decompressed content stay."""
+    """Rows of a part, with offsets in what it is a part of; those of adaptive numbers stay."""
     return (row if row.content else replace(row, offset=row.offset + offset) for row in rows)

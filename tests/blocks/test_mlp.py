@@ -22,11 +22,13 @@ def network(seed: int, widths: list[int], bits: int = 8) -> QuantisedMlp:
 
 
 @pytest.mark.parametrize("extreme", [127, -127, 128, -128, 32767, -32767, -32768])
-def test_the_extremes_of_both_widths_come_back(extreme: int) -> None:
-    """A weight that does not fit a byte makes its layer wide, -32768 too."""
+def test_extreme_weights_come_back(extreme: int) -> None:
+    """Weights to both ends of 16 bits; biases and scales bit for bit, negative zero and the least float too."""
     weights = np.array([[1, extreme], [0, 0]], np.int16)
-    layer = Linear(weights, np.array([0.5, 0], np.float32), np.array([0, -3], np.float32))
-    assert same(unpack_networks(pack_networks((QuantisedMlp((layer,)),))), (QuantisedMlp((layer,)),))
+    layer = Linear(weights, np.array([0.5, 1e-45], np.float32), np.array([-0.0, -3], np.float32))
+    (found,) = unpack_networks(pack_networks((QuantisedMlp((layer,)),)))
+    assert same(found, QuantisedMlp((layer,)))
+    assert np.signbit(found.layers[0].biases).tolist() == [True, True]
 
 
 @pytest.mark.parametrize("bits", [8, 16])

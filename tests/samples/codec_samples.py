@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from scarfmt.arrays import Ints
-from scarfmt.blocks.tables import fit_table, pack_table
+from scarfmt.blocks.tables import fit_table, table_bits
 from scarfmt.entropy.emitters import Emitter, SymbolCounter, SymbolWriter
 from scarfmt.entropy.keys import CONTEXTS, TableKey
 from scarfmt.entropy.symbol_reader import SymbolReader
@@ -42,9 +42,9 @@ def cost_bits(put: Put) -> float:
     counter = SymbolCounter()
     put(counter)
     bits = counter.uniform_bits
-    for key, (alphabet, counts) in counter.histograms().items():
+    for alphabet, counts in counter.histograms().values():
         table = fit_table(alphabet, counts)
-        bits += table.cost_of_counts(alphabet, counts) + 8 * len(pack_table(key, table))
+        bits += table.cost_of_counts(alphabet, counts) + table_bits(table)
     return bits
 
 

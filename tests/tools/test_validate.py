@@ -19,7 +19,6 @@ from fuzz.testing.scenes import random_scene
 from scarfmt.blocks.tables import pack_tables
 from scarfmt.coding.reader import SceneReader
 from scarfmt.coding.writer import write_scene
-from scarfmt.container.bytefields import compress
 from scarfmt.container.file import Block, Container, write_container
 from scarfmt.container.schema import BlockKind, Profile, Stream
 from scarfmt.container.source import BytesSource
@@ -161,7 +160,7 @@ def test_a_table_nobody_uses_is_a_warning_only(explicit: bytes) -> None:
             return block
         reader = SceneReader(BytesSource(explicit))
         tables = {**reader.models(1).tables[0], TableKey(Stream.COLOUR, 31, 19, 255): table}
-        return replace(block, payload=compress(pack_tables(tables)), count=len(tables))
+        return replace(block, payload=pack_tables(tables), count=len(tables))
 
     result = check(with_blocks(explicit, with_idle))
     assert refusals(result) == ["unused-table"]

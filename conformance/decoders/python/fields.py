@@ -1,12 +1,10 @@
-"""Bytes and entropy coding of the second decoder: SPEC.md §5.7, §5.8 and §8 in plain loops, standard library only."""
+"""Bytes and entropy coding of the second decoder: SPEC.md §5.7 and §8 in plain loops, standard library only."""
 
 from __future__ import annotations
 
 import struct
 from collections.abc import Sequence
 from typing import Any, NamedTuple
-
-from conformance.decoders.python.zstd import BadFrame, frame_content, frame_header
 
 POSITIONS, CLASSES, MASKS, POSITION_RESIDUAL, SCALE, ROTATION, OPACITY, COLOUR = range(1, 9)
 INDICES, LATENT, OFFSETS = 9, 10, 11
@@ -22,7 +20,7 @@ def require(holds: bool, refusal: str) -> None:
         raise Refused(refusal)
 
 
-# ---------------------------------------------------------------------------------------------- 5.7 and 5.8 fields
+# ---------------------------------------------------------------------------------------------- 5.7 fields
 
 
 class Payload:
@@ -55,10 +53,6 @@ class Payload:
         require(value < 1 << b and not (byte == 0 and shift > 7), "bad-varint")
         return value
 
-    def svarint(self, b: int) -> int:
-        m = self.varint(b)
-        return m >> 1 if m % 2 == 0 else -(m >> 1) - 1
-
     def count(self, most: int) -> int:
         value = self.varint(63)
         require(value <= most, "count-limit")
@@ -66,29 +60,6 @@ class Payload:
 
     def finish(self) -> None:
         require(self.at == len(self.data), "payload-long")
-
-
-MAX_TABLES_BYTES, MAX_MLP_BYTES, MAX_WINDOW = 1 << 26, 1 << 24, 1 << 23
-
-
-def content_size(frame: bytes, most: int) -> int:
-    """The content size that a Zstandard frame states (SPEC §5.8)."""
-    try:
-        header = frame_header(frame)
-    except BadFrame as error:
-        raise Refused("bad-zstd") from error
-    require(header.content <= most, "content-limit")
-    require(header.window <= MAX_WINDOW, "bad-zstd")
-    return header.content
-
-
-def stored(frame: bytes, most: int = MAX_TABLES_BYTES) -> bytes:
-    """The content of a Zstandard frame."""
-    content_size(frame, most)
-    try:
-        return frame_content(frame)
-    except BadFrame as error:
-        raise Refused("bad-zstd") from error
 
 
 # ---------------------------------------------------------------------------------------------- 8 entropy coding
@@ -111,29 +82,6 @@ def cumulative(weights: list[int]) -> list[int]:
 
 def key(stream: int, component: int, step: int, context: int) -> int:
     return stream << 24 | component << 16 | step << 8 | context
-
-
-def parse_tables(block: bytes) -> dict[int, Table]:
-    reader = Payload(stored(block))
-    tables: dict[int, Table] = {}
-    previous = -1
-    for _ in range(reader.count(65536)):
-        number = reader.varint(32)
-        require(number > previous, "bad-table")
-        previous = number
-        size = reader.count(4096)
-        require(size >= 1, "bad-table")
-        values: list[int] = []
-        weights: list[int] = []
-        for i in range(size):
-            values.append(values[-1] + reader.varint(32) + 1 if i else reader.svarint(33))
-            require(abs(values[-1]) < 1 << 31, "bad-table")
-        for _ in range(size):
-            weights.append(reader.varint(24))
-            require(weights[-1] >= 1, "bad-table")
-        tables[number] = Table(values, cumulative(weights))
-    reader.finish()
-    return tables
 
 
 class Rans:
@@ -167,14 +115,21 @@ class Rans:
         c = table.cumulative
         if len(c) == 2:
             return table.values[0]
-        slot = self.state & (TOTAL - 1)
+        slot = self.slot()
         low, high = 0, len(c) - 1
         while high - low > 1:
             middle = (low + high) // 2
             low, high = (middle, high) if c[middle] <= slot else (low, middle)
-        self.state = (c[low + 1] - c[low]) * (self.state >> 24) + slot - c[low]
-        self.refill()
+        self.leave(c[low], c[high])
         return table.values[low]
+
+    def slot(self) -> int:
+        return self.state & (TOTAL - 1)
+
+    def leave(self, low: int, past: int) -> None:
+        """The state after a symbol whose slots are `low` to `past` - 1."""
+        self.state = (past - low) * (self.state >> 24) + self.slot() - low
+        self.refill()
 
     def read(self, number: int, n: int) -> list[int]:
         if n == 0:

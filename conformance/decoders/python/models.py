@@ -1,4 +1,4 @@
-"""LAYER, DECODER_MLP and SCENE_MLP blocks (SPEC §6.4, §6.5, §7.9, §7.11)."""
+"""LAYER, TABLES, DECODER_MLP and SCENE_MLP blocks (SPEC §6.4, §6.5, §7.9, §7.11, §8.3)."""
 
 from __future__ import annotations
 
@@ -9,16 +9,16 @@ from typing import NamedTuple
 from conformance.decoders.python.fields import (
     COLOUR,
     LATENT,
-    MAX_MLP_BYTES,
     OFFSETS,
     OPACITY,
     POSITION_RESIDUAL,
     ROTATION,
     SCALE,
     Payload,
+    key,
     require,
-    stored,
 )
+from conformance.decoders.python.numbers import Numbers
 
 _COMPONENTS = (
     {POSITION_RESIDUAL: 3, SCALE: 3, ROTATION: 3, OPACITY: 1, COLOUR: 3, LATENT: 0},
@@ -112,24 +112,81 @@ def has_latents(row: Row, channels: list[Channel]) -> bool:
     return any(stages > 0 or any(steps[i] for i in latent) for stages, steps in row.classes)
 
 
+class Weighted(NamedTuple):
+    """The alphabet of a table and the weights of its values (SPEC §8.3)."""
+
+    values: list[int]
+    weights: list[int]
+
+
+def parse_tables(block: bytes, most: int = 1 << 63) -> dict[int, Weighted]:
+    """The tables of a TABLES block by key, of at most so many symbols."""
+    numbers = Numbers(block)
+    tables = read_tables(numbers, most)
+    numbers.seal()
+    return tables
+
+
+def read_tables(numbers: Numbers, most: int = 1 << 63) -> dict[int, Weighted]:
+    tables: dict[int, Weighted] = {}
+    digits = [0, 0, 0, 0]
+    for _ in range(numbers.count(65536, "table_count")):
+        digits = _digits(numbers, digits)
+        kind = min(digits[2], 2)
+        more = numbers.count(4095, "more", kind)
+        most -= more + 1
+        require(most >= 0, "limit-expansion")
+        values, weights = [numbers.signed("first", kind)], [1]
+        for _ in range(more):
+            values.append(values[-1] + numbers.number("gaps", kind) + 1)
+        require(values[-1] < 1 << 31, "bad-table")
+        if more:
+            precision = numbers.count(23, "precision", kind)
+            weights = [numbers.number("weights", precision) + 1 for _ in values]
+            require(max(weights) < 1 << 24, "bad-table")
+        tables[key(*digits)] = Weighted(values, weights)
+    return tables
+
+
+def _digits(numbers: Numbers, before: list[int]) -> list[int]:
+    """The digits of the next key."""
+    digits, same = [], 1
+    for i in range(4):
+        digit = numbers.number("key", i, same)
+        if same:
+            digit += before[i] + (i == 3)
+        require(digit <= 255, "bad-table")
+        same &= digit == before[i]
+        digits.append(digit)
+    return digits
+
+
 def parse_networks(block: bytes) -> list[Shape]:
     """The shapes of the networks of a DECODER_MLP or SCENE_MLP block; nothing is decoded with their weights."""
-    reader, out = Payload(stored(block, MAX_MLP_BYTES)), []
-    for _ in range(reader.count(8)):
+    numbers = Numbers(block)
+    networks = read_networks(numbers)
+    numbers.seal()
+    return networks
+
+
+def read_networks(numbers: Numbers) -> list[Shape]:
+    out: list[Shape] = []
+    room = 1 << 20
+    for _ in range(numbers.count(8, "network_count")):
         shape: Shape = []
-        layers = reader.count(4)
+        layers = numbers.count(4, "layer_count")
         require(layers >= 1, "bad-mlp")
         for _ in range(layers):
-            rows = reader.count(1024)
+            rows = numbers.count(1024, "rows")
             require(rows >= 1, "bad-mlp")
-            columns = reader.count(1024)
+            columns = numbers.count(1024, "columns")
             require(columns == shape[-1][0] if shape else columns >= 1, "bad-mlp")
-            width = reader.u8()
-            require(width in (1, 2), "bad-mlp")
-            reader.take(rows * columns * width)
-            for _ in range(2):
-                require(all(map(math.isfinite, reader.fields(f"{rows}f"))), "bad-mlp")
+            room -= rows * columns
+            require(room >= 0, "content-limit")
+            weights = [numbers.signed("weights") for _ in range(rows * columns)]
+            require(min(weights) >= -32768 and max(weights) <= 32767, "bad-mlp")
+            for name in ("scales", "biases"):
+                require(all(map(math.isfinite, [numbers.f32(name) for _ in range(rows)])), "bad-mlp")
             shape.append((rows, columns))
         out.append(shape)
-    reader.finish()
     return out

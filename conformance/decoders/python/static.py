@@ -16,16 +16,14 @@ from conformance.decoders.python.fields import (
     INDICES,
     LATENT,
     MASKS,
-    MAX_TABLES_BYTES,
     OFFSETS,
     POSITION_RESIDUAL,
     POSITIONS,
     Rans,
     Refused,
     Table,
-    content_size,
+    cumulative,
     key,
-    parse_tables,
     require,
 )
 from conformance.decoders.python.front import (
@@ -51,6 +49,7 @@ from conformance.decoders.python.models import (
     has_latents,
     parse_layer,
     parse_networks,
+    parse_tables,
 )
 from conformance.decoders.python.positions import read_positions
 from conformance.decoders.python.tile import NAMES, Tile, Trace, substreams, table_contexts
@@ -101,15 +100,15 @@ class StaticDecoder:
         self.opening = Opening([], 0, [])
         self.rows: list[Row] = []
         self.tables: list[dict[int, Table]] = []
-        content = 0
+        symbols = (1 << 16) + self.limits.table_symbols_per_byte * self.file_length
         for k in range(1, self.k + 1):
             row, self.opening = parse_layer(self.needed(k, LAYER), k, self.opening)
             self.rows.append(row)
             tables, added = dict(self.tables[-1] if self.tables else {}), self.model(k, TABLES)
             if added is not None:
-                content += content_size(added, MAX_TABLES_BYTES)
-                require(content <= (1 << 20) + self.limits.content_per_byte * self.file_length, "limit-expansion")
-                tables |= parse_tables(added)
+                found = parse_tables(added, symbols)
+                symbols -= sum(len(values) for values, _ in found.values())
+                tables |= {number: Table(values, cumulative(weights)) for number, (values, weights) in found.items()}
             self.tables.append(tables)
         self.channels = self.opening.channels
         check_opening(self.opening, self.profile)

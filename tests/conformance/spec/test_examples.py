@@ -10,7 +10,7 @@ from scarfmt_conformance.archive import read
 
 from conformance.decoders.python.container import blocks_of_kind
 from conformance.decoders.python.decoder import Decoder
-from conformance.decoders.python.fields import stored
+from conformance.decoders.python.models import parse_tables
 from conformance.decoders.python.work import Work
 from conformance.spec.spec_text import text
 from reference_decoder.reconstruct import positions
@@ -24,10 +24,11 @@ from scarfmt.container.schema import Stream
 from scarfmt.container.source import BytesSource
 from scarfmt.entropy.emitters import Emitter
 from scarfmt.entropy.keys import TableKey
+from scarfmt.entropy.numbers import NumberWriter
 from scarfmt.entropy.rans import FrequencyTable, RansDecoder, RansEncoder
 from scarfmt.entropy.rice import pack_rice
 from scarfmt.errors import ScarError
-from scarfmt.limits import FREE_ANCHORS, FREE_CONTENT, FREE_WORK, Limits
+from scarfmt.limits import FREE_ANCHORS, FREE_TABLE_SYMBOLS, FREE_WORK, Limits
 from scarfmt.neural.arithmetic import Linear
 from scarfmt.neural.context import Cells, CellSums, count_features, depth_shifts, fine, passes
 from scarfmt.neural.grid import GridLevel, HashGrid
@@ -105,6 +106,15 @@ def test_entropy() -> None:
     (word,) = np.frombuffer(data := encoder.finish(), "<u4").tolist()
     assert RansDecoder(data).decode(table, 3).tolist() == [1, 0, 2]
     shows("rans", 1, 0, 2, f"0x{word:08X}", f"0x{word:X}", "0x0")
+    writer = NumberWriter()
+    for number in (5, 0, 5):
+        writer.number("a", number)
+    shows("numbers", 5, 0, 5, f"0x{int.from_bytes(writer.finish(), 'little'):08X}")
+    p, numbers = 32768, list[int]()
+    for n, bit in enumerate((1, 0, 1)):
+        p = p - p // (n + 2) if bit else p + (65536 - p) // (n + 2)
+        numbers.append(p)
+    shows("numbers", *numbers)
     shows("key", f"0x{TableKey(5, 1, 2, 35).number:08X}")
     refined = np.array([-7, -2, -1, 0, 5])
     shows("contexts", *refined, *trit_contexts(refined).tolist())
@@ -142,10 +152,11 @@ def test_reconstruction() -> None:
 
 def test_limits_and_truncation() -> None:
     """SPEC §13.2 and §14."""
-    tables = [len(stored(block)) for block in blocks_of_kind(WORKED, "2")]
-    content = FREE_CONTENT + Limits().content_per_byte * len(WORKED)
+    layers = [parse_tables(block).values() for block in blocks_of_kind(WORKED, "2")]
+    tables = [sum(len(values) for values, _ in tables) for tables in layers]
+    symbols = FREE_TABLE_SYMBOLS + Limits().table_symbols_per_byte * len(WORKED)
     work = FREE_WORK + Limits().work_per_byte * len(WORKED)
-    shows("13.2", len(WORKED), content, work, *tables, sum(tables), Work(Decoder(WORKED, 2)).total())
+    shows("13.2", len(WORKED), symbols, work, *tables, sum(tables), Work(Decoder(WORKED, 2)).total())
     whole, cut = (Container(BytesSource(data)).header for data in (WORKED, truncate(BytesSource(WORKED), 1)))
     parts = (whole.header_length - cut.header_length, whole.root_length - cut.root_length, whole.layers[1].byte_count)
     lost = whole.file_length - cut.file_length

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from functools import lru_cache
 
 import pytest
@@ -10,10 +9,9 @@ import pytest
 from conformance.scenes.edge_scenes import edge_cases
 from conformance.scenes.made import build, static_plans, worked_scene
 from conformance.scenes.neural_scenes import neural_plans
-from conformance.surgery.files import COMPRESSED, blocks_of, content_of
+from conformance.surgery.files import blocks_of
 from conformance.writer.container import write_container
 from conformance.writer.file import write_file
-from conformance.writer.frames import FrameStyle
 from conformance.writer.options import WriteOptions
 from scarfmt.blocks.tables import unpack_tables
 from scarfmt.coding.reader import SceneReader
@@ -32,19 +30,15 @@ def scene_of(name: str) -> QuantisedScene:
 
 
 def reference_parts(scene: QuantisedScene) -> tuple[bytes, WriteOptions]:
-    """The reference writer's file with stored frames, and options to send the tables it chose."""
-    blocks, tables, stored = blocks_of(write_scene(scene)), {}, []
-    for block in blocks:
-        if block.kind == BlockKind.TABLES:
-            tables[block.layer] = unpack_tables(content_of(block))
-        stored.append(replace(block, payload=FrameStyle()(content_of(block))) if block.kind in COMPRESSED else block)
-    data = reference_container(scene.fields, scene.tiles, stored, layer_counts(scene))
+    """The reference writer's file, and options to send the tables it chose."""
+    data = write_scene(scene)
+    tables = {b.layer: unpack_tables(b.payload) for b in blocks_of(data) if b.kind == BlockKind.TABLES}
     return data, WriteOptions(fitted=False, tables=tables)
 
 
 @pytest.mark.parametrize("name", PLANS)
 def test_with_its_tables_the_file_is_the_reference_writers(name: str) -> None:
-    """Byte for byte: all but the choice of tables and frames follows from the scene."""
+    """Byte for byte: all but the choice of tables follows from the scene."""
     expected, options = reference_parts(scene_of(name))
     assert write_file(scene_of(name), options) == expected
 

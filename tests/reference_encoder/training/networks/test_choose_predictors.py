@@ -10,7 +10,7 @@ from reference_encoder.training.networks import choose_predictors as module
 from reference_encoder.training.networks.choose_predictors import Sample, choose_predictors, coded_bits, expected_bits
 from reference_encoder.training.networks.predictor_training import FloatNet, float_contexts, quantised
 from scarfmt.blocks.predictors import pack_predictors
-from scarfmt.blocks.tables import fit_table, pack_table
+from scarfmt.blocks.tables import fit_table, table_bits
 from scarfmt.coding.tile import NeuralModels, TileContent, put_layer
 from scarfmt.container.directory import TileFrame
 from scarfmt.container.morton import deinterleave
@@ -54,9 +54,9 @@ def bits_of(model: SceneModel, tiles: list[TileContent], chosen: dict[int, tuple
         force.update({predictor.key: predictor for predictor in chosen.get(layer, ())})
         for content in tiles:
             put_layer(model, layer, TileFrame(BITS), content, lambda _: counter, NeuralModels(force))
-    for key, (alphabet, counts) in counter.histograms().items():
+    for alphabet, counts in counter.histograms().values():
         table = fit_table(alphabet, counts)
-        bits += table.cost_of_counts(alphabet, counts) + 8 * len(pack_table(key, table))
+        bits += table.cost_of_counts(alphabet, counts) + table_bits(table)
     return bits + sum(8 * len(pack_predictors(group)) for group in chosen.values())
 
 

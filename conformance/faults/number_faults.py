@@ -1,0 +1,83 @@
+"""Files whose blocks of adaptive numbers break one rule (SPEC §8.2, §8.3, §8.5)."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from functools import partial
+
+from conformance.decoders.python.fields import key
+from conformance.faults.table_records import with_tables
+from conformance.scenes.cases import Fault
+from conformance.surgery.edit import append
+from conformance.surgery.files import changed, renumbered
+from conformance.writer.numbers import Number
+from conformance.writer.tables import Record
+from scarfmt.container.schema import BlockKind, Stream
+
+_TABLE, _LIMIT, _SEAL = ("R-8.3-1", "bad-table"), ("R-5.7-3", "count-limit"), ("R-8.2-2", "rans-seal")
+_NUMBER, _MLP = ("R-8.5-1", "bad-number"), ("R-7.9-1", "bad-mlp")
+_TOP, _LONG = (1 << 31) - 1, (1 << 32) - 1
+_UNUSED = key(Stream.FRAMING, 0, 0, 0)
+"""A key that names nothing, after all others."""
+
+
+def number_faults(static: bytes, anchors: bytes) -> Iterator[Fault]:
+    """Faults of a file with TABLES and DECODER_MLP in layer 1, and of one with SCENE_MLP."""
+    word = bytes([1, 0, 0, 0])
+    for data, kind in ((static, BlockKind.TABLES), (static, BlockKind.DECODER_MLP), (anchors, BlockKind.SCENE_MLP)):
+        name = kind.name.lower().replace("_", "-")
+        yield f"{name}-odd", "a byte after the last word", "R-8.2-1", "rans-length", changed(data, kind, 1, append())
+        yield (f"{name}-last-word", "a last word of 0", "R-8.2-1", "rans-last-word",
+               changed(data, kind, 1, append(bytes(4))))
+        yield (f"{name}-word-more", "a word more than the numbers take", *_SEAL,
+               changed(data, kind, 1, lambda payload: word + payload))
+        yield (f"{name}-word-less", "the first word is missing: the reader goes on, the end is wrong", *_SEAL,
+               changed(data, kind, 1, lambda payload: payload[4:]))
+        yield (f"{name}-number-more", "a number after the last", *_SEAL,
+               renumbered(data, kind, lambda numbers: [*numbers, (("more", 0), 1)]))
+        yield (f"{name}-number-long", "a number that begins with 32 bits of 1", *_NUMBER,
+               renumbered(data, kind, lambda numbers: [*numbers[:-1], (numbers[-1][0], _LONG)]))
+    for name, purpose, rule, changes in (
+        ("weights", "a weight of 32768, then a long one", _NUMBER, (("weights", 1 << 16), ("weights", _LONG))),
+        ("scales", "a weight of 32768, then a long scale", _MLP, (("weights", 1 << 16), ("scales", _LONG))),
+        ("biases", "a scale that is not a number, then a long bias", _MLP,
+         (("scales", 0x7FC00000), ("biases", _LONG))),
+    ):  # fmt: skip
+        yield (f"mlp-order-{name}", purpose, *rule,
+               renumbered(static, BlockKind.DECODER_MLP, partial(_put, changes=changes)))
+
+
+def _put(numbers: list[Number], changes: Sequence[tuple[str, int]]) -> list[Number]:
+    """The numbers with others for these fields, each for the first after the one before."""
+    left = list(changes)
+    return [(field, left.pop(0)[1] if left and left[0][0] == field[0] else value) for field, value in numbers]
+
+
+def table_faults(static: bytes) -> Iterator[Fault]:
+    """Faults of tables; most add one at the end that codes nothing."""
+
+    def last(*values: int, weights: tuple[int, ...] = (1, 1)) -> bytes:
+        return with_tables(static, 1, lambda records: [*records, Record(_UNUSED, values, weights)])
+
+    def numbers(change: Callable[[list[Number]], list[Number]]) -> bytes:
+        return renumbered(static, BlockKind.TABLES, change)
+
+    yield "key-digit-256", "a stream kind of 256", *_TABLE, with_tables(
+        static, 1, lambda records: [*records, Record(256 << 24, (0,), (1,))])
+    most = with_tables(static, 1, lambda records: [*records, Record((1 << 32) - 1, (0,), (1,))])
+    # The numbers of its key are 0 and cost nothing.
+    yield ("key-after-last", "a key after that of four digits of 255", *_TABLE,
+           renumbered(most, BlockKind.TABLES, lambda n: [(n[0][0], n[0][1] + 1), *n[1:]]))
+    yield "alphabet-last-high", "an alphabet up to 2^31", *_TABLE, last(0, _TOP + 1)
+    yield "alphabet-wide-gap", "the widest gap, to far above 2^31", *_TABLE, last(0, _LONG)
+    yield "alphabet-gap-long", "a gap that leaves 2^31 - 1, then a number that is too long", *_NUMBER, last(
+        0, _LONG, 2 * _LONG + 1, weights=(1, 1, 1))
+    yield ("alphabet-weight-long", "an alphabet that leaves 2^31 - 1, then a weight that is too long", *_TABLE,
+           last(0, _TOP + 1, weights=(1, _LONG + 1)))
+    yield "weight-25-bits", "a weight of 2^24", *_TABLE, last(0, 1, weights=(1 << 24, 1))
+    yield ("weight-number-long", "a weight of 2^24, then one that is too long", *_NUMBER,
+           last(0, 1, weights=(1 << 24, _LONG + 1)))
+    yield "precision-24", "weights of 25 bits, as the table says", *_LIMIT, numbers(
+        lambda n: [(field, 24 if field[0] == "precision" else value) for field, value in n])
+    yield "table-4097", "a table of 4097 symbols", *_LIMIT, last(*range(4097), weights=(1,) * 4097)
+    yield "tables-65537", "65537 tables", *_LIMIT, numbers(lambda n: [(n[0][0], 65537), *n[1:]])

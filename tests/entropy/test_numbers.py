@@ -1,0 +1,86 @@
+"""Adaptive numbers (SPEC §8.5): exact round trips, few bits where numbers repeat, refusals."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from scarfmt.entropy.numbers import LARGEST, NumberReader, NumberWriter
+from scarfmt.entropy.rans import RansEncoder
+from tests.samples.codec_samples import refuses
+
+NUMBERS = st.lists(
+    st.tuples(
+        st.sampled_from("abc"), st.one_of(st.integers(0, 9), st.integers(0, LARGEST), st.sampled_from([0, LARGEST]))
+    ),
+    max_size=60,
+)
+
+
+def written(numbers: Iterable[tuple[str, int]]) -> bytes:
+    writer = NumberWriter()
+    for name, number in numbers:
+        writer.number(name, number)
+    return writer.finish()
+
+
+@settings(deadline=None)
+@given(NUMBERS)
+def test_numbers_come_back(numbers: list[tuple[str, int]]) -> None:
+    """Of any size, each with its own model; the stream ends where they do."""
+    reader = NumberReader(written(numbers), "x")
+    assert [reader.number(name) for name, _ in numbers] == [number for _, number in numbers]
+    assert reader.position == len(numbers)
+    reader.finish()
+
+
+def test_models_learn() -> None:
+    """A number that always comes costs next to nothing; one of few takes about its entropy."""
+    assert len(written([("a", 1)] * 4000)) < 16
+    rng = np.random.default_rng(1)
+    few = rng.choice(3, 4000, p=[0.7, 0.2, 0.1])
+    entropy = -(0.7 * np.log2(0.7) + 0.2 * np.log2(0.2) + 0.1 * np.log2(0.1)) * 4000 / 8
+    assert entropy < len(written(("a", int(number)) for number in few)) < 1.05 * entropy
+
+
+def test_a_model_moves_as_the_text_says() -> None:
+    """By a half, a third, a quarter ... of what is missing, and by a thirty-second from then on (SPEC §8.5)."""
+    encoder, p, n = RansEncoder(), 32768, 0
+    for _ in range(100):
+        encoder.append(np.array([0]), np.array([p << 8]))
+        p, n = p + (65536 - p) // (n + 2), min(n + 1, 30)
+    for span in ([p << 8], [1 << 24]), ([0], [1 << 23]), ([0], [1 << 23]):  # prefix[0], prefix[1], second[1]
+        encoder.append(*np.array(span))
+    assert encoder.finish() == written([("a", 0)] * 100 + [("a", 1)])
+
+
+@pytest.mark.parametrize(
+    ("change", "refusal"),
+    [
+        (lambda data: data[:-1], "rans-length"),
+        (lambda data: data + bytes(4), "rans-last-word"),
+        (lambda data: data[4:], "rans-seal"),
+        (lambda data: bytes(4) + data, "rans-seal"),
+    ],
+)
+def test_damaged_streams_are_refused(change, refusal: str) -> None:  # type: ignore[no-untyped-def]
+    numbers = [("a", n * n) for n in range(40)]
+
+    def read_all() -> None:
+        reader = NumberReader(change(written(numbers)), "x")
+        for name, _ in numbers:
+            reader.number(name)
+        reader.finish()
+
+    refuses(refusal, read_all)
+
+
+def test_a_number_of_33_bits_is_refused() -> None:
+    """At the 32nd bit 1 of the prefix, each of a model that saw nothing before."""
+    encoder = RansEncoder()
+    encoder.append(np.full(32, 1 << 23), np.full(32, 1 << 24))
+    refuses("bad-number", lambda: NumberReader(encoder.finish(), "x").number("a"))
