@@ -144,7 +144,7 @@ def many_steps(anchors: int, size: int, wide: int = 64) -> bytes:
 
 
 def wide_decoder(anchors: int, size: int) -> bytes:
-    """A latent decoder of as many weights as there may be, for many anchors."""
+    """A latent decoder of a million weights, for many anchors."""
     model = SceneModel(Profile.EXPLICIT, 1, channels(SCALE, (Stream.LATENT, 64)), (LayerRow((0,), ((1, 1),)),))
     decoder = (BlockKind.DECODER_MLP, 1, _mlp(64, 950, 1024, 3), 1)
     return build(model, _divided(anchors), tables=zero_tables(model), models=[decoder, *_filler(size)])
@@ -263,7 +263,7 @@ BOMBS: dict[str, Callable[[], bytes]] = {
     "wide features": lambda: wide_features(65_536, 0),
     "wide features, large file": lambda: wide_features(65_000, MIB - 9000),
     "many slots": lambda: many_slots(260_000, 32, MIB - 9000),
-    "large tables": lambda: large_tables(270, 4096, MIB - 9000),
+    "large tables": lambda: large_tables(380, 4096, MIB - 9000),
     "many tables": lambda: large_tables(65_000, 1, MIB - 130_000),
     "deep network": lambda: deep_network(2600, 0),
     "shallow network": lambda: shallow_network(15_000, MIB - 55_000, 150),

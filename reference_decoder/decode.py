@@ -217,8 +217,8 @@ class Decoding:
             return None
         work = found.work(*self.reader.extent(self.layers, self._chosen))
         most = FREE_WORK + limits.work_per_byte * header.file_length
-        # The library knows the usual limit of contents alone, and leaves the work of networks to the definition.
-        if not 0 <= work <= most or limits.table_symbols_per_byte < DEFAULT_LIMITS.table_symbols_per_byte:
+        # The library knows the usual limit of numbers alone, and leaves the work of networks to the definition.
+        if not 0 <= work <= most or limits.numbers_per_byte < DEFAULT_LIMITS.numbers_per_byte:
             _ = self.models
         return found
 

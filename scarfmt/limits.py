@@ -65,8 +65,8 @@ FREE_ANCHORS = 1 << 16
 FREE_SLOTS = 1 << 19
 """How many Gaussian slots a file of some bytes may unfold to: anchors times slots, in the anchor profile."""
 
-FREE_TABLE_SYMBOLS = 1 << 16
-"""Symbols that the tables of any file may have together."""
+FREE_NUMBERS = 1 << 20
+"""Adaptive numbers that the blocks of any file may have together."""
 
 FREE_WORK = 1 << 32
 """Multiply-adds, or what takes as long, that any file may ask for: about a second."""
@@ -89,8 +89,7 @@ class Limits:
         anchors_per_byte: anchors per byte of the whole file, beyond `FREE_ANCHORS`. Real scenes stay below 0.2; only
             made-up ones, such as a full cube of one colour, need more than 1.
         slots_per_byte: anchors times slots per byte of the whole file, beyond `FREE_SLOTS`. Real models: about 0.5.
-        table_symbols_per_byte: symbols of tables per byte of the whole file, beyond `FREE_TABLE_SYMBOLS`. Real files
-            have below 0.1.
+        numbers_per_byte: adaptive numbers per byte of the whole file, beyond `FREE_NUMBERS`. Real files have below 0.5.
         work_per_byte: multiply-adds of decoding, counted as in :mod:`scarfmt.coding.work`, per byte of the whole file,
             beyond `FREE_WORK`. Real scenes need up to 56,000.
         metadata_bytes: bytes of the METADATA block, when it is parsed.
@@ -106,7 +105,7 @@ class Limits:
     block_bytes: int = 1 << 28
     anchors_per_byte: int = 1
     slots_per_byte: int = 8
-    table_symbols_per_byte: int = 1
+    numbers_per_byte: int = 2
     work_per_byte: int = 1 << 17
     metadata_bytes: int = 1 << 20
 
@@ -121,7 +120,7 @@ FORMAT_LIMITS = Limits(
     block_bytes=MAX_BLOCK_BYTES,
     anchors_per_byte=MAX_ANCHORS_PER_TILE,
     slots_per_byte=MAX_ANCHORS_PER_TILE * MAX_SLOTS,
-    table_symbols_per_byte=MAX_FILE_LENGTH,
+    numbers_per_byte=MAX_FILE_LENGTH,
     work_per_byte=MAX_FILE_LENGTH,
     metadata_bytes=MAX_METADATA_BYTES,
 )

@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from conformance.decoders.python.decoder import Decoder
 from conformance.decoders.python.fields import LATENT
 from conformance.decoders.python.models import parse_tables
+from conformance.decoders.python.numbers import Numbers
 from conformance.decoders.python.tile import NAMES
 
 _KNOWN_KINDS = (1, 2, 3, 4, 5, 6, 7, 8, 15, 16, 64)
@@ -127,7 +128,7 @@ def _tables(decoder: Decoder) -> Iterator[str]:
     sent = set()
     for k in range(1, decoder.k + 1):
         block, _ = decoder.blocks.get((k, _TABLES, _NO_TILE), (b"", 0))
-        here = parse_tables(block) if block else {}
+        here = parse_tables(Numbers(block)) if block else {}
         sent |= set(here)
         if any(len(table.values) == 1 for table in here.values()):
             yield "one-symbol-table"

@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 
 from conformance.scenes.cases import Fault
-from conformance.surgery.edit import append, cut
-from conformance.surgery.files import block_of, blocks_of, changed, copied, rebuilt, without
-from conformance.writer.fields import rice, varint
+from conformance.surgery.edit import numbered
+from conformance.surgery.files import block_of, blocks_of, changed, copied, rebuilt, renumbered, without
+from conformance.writer.fields import folded
 from conformance.writer.models import codebooks_block, network_numbers
 from conformance.writer.numbers import numbers_block
 from scarfmt.blocks.codebooks import unpack_codebooks
@@ -21,8 +21,6 @@ _BOOK = "R-7.8-1", "bad-codebook"
 _LAYERS = "R-7.9-1", "bad-mlp"
 _SCENE = "R-7.9-4", "bad-mlp"
 _LIMIT = "R-5.7-3", "count-limit"
-_SHORT, _LONG = ("R-5.7-2", "payload-short"), ("R-5.7-2", "payload-long")
-_ROOM = "R-7.9-1", "content-limit"
 
 
 # ---------------------------------------------------------------------------------------------- CODEBOOKS
@@ -30,29 +28,22 @@ _ROOM = "R-7.9-1", "content-limit"
 
 def codebook_faults(static: bytes, refined: bytes) -> Iterator[Fault]:
     """Faults of a file with codebook 0 only, and of one that first needs codebook 1 in layer 2."""
-    payload = block_of(static, BlockKind.CODEBOOKS).payload
-    words = unpack_codebooks(payload)[0]
-    size, dimension = words.shape
-    columns = b"".join(rice(column.tolist()) for column in words.T)
-
-    def block(head: tuple[int, ...], tail: bytes = columns, growth: int = 0) -> bytes:
-        return changed(static, BlockKind.CODEBOOKS, 1, lambda _: b"".join(map(varint, head)) + tail, growth)
-
-    yield "book-none", "a CODEBOOKS block without a book", *_BOOK, block((dimension, 0), b"", -1)
-    yield "book-no-dimension", "a codebook of no dimensions", *_BOOK, block((0, 1, 0, size), b"")
-    yield "book-no-codeword", "a codebook of no codewords", *_BOOK, block((dimension, 1, 0, 0), b"\0" * dimension)
-    yield "book-two", "a codebook of the number 2", *_BOOK, block((dimension, 1, 2, size))
-    twice = columns + bytes([0]) + varint(size) + columns
-    yield "books-equal", "codebook 0 twice", *_BOOK, block((dimension, 2, 0, size), twice, 1)
-    yield "codeword-low", "a component of -65536", *_BOOK, _with_component(static, -65536)
-    yield ("codeword-lowest", "a component of -2^31, whose magnitude 32 bits do not hold", *_BOOK,
-           _with_component(static, -(1 << 31)))
-    yield "books-three", "three codebooks", *_LIMIT, block((dimension, 3, 0, size), columns, 2)
-    yield "book-dimensions-65", "65 dimensions", *_LIMIT, block((65, 1, 0, size))
-    yield "book-4097", "4097 codewords", *_LIMIT, block((dimension, 1, 0, 4097))
-    yield ("books-short", "a CODEBOOKS block that ends in its last dimension", *_SHORT,
-           changed(static, BlockKind.CODEBOOKS, 1, cut))
-    yield "books-long", "a byte after the last codebook", *_LONG, changed(static, BlockKind.CODEBOOKS, 1, append())
+    kind, words = BlockKind.CODEBOOKS, unpack_codebooks(block_of(static, BlockKind.CODEBOOKS).payload)[0]
+    for name, what, rule, field, value, growth in (
+        ("book-none", "a CODEBOOKS block without a book", _BOOK, "book_count", 0, -1),
+        ("book-no-dimension", "a codebook of no dimensions", _BOOK, "d", 0, 0),
+        ("book-no-codeword", "a codebook of no codewords", _BOOK, "size", 0, 0),
+        ("book-two", "a codebook of the number 2", _BOOK, "number", 2, 0),
+        ("book-256", "a codebook of the number 256", _LIMIT, "number", 256, 0),
+        ("books-three", "three codebooks", _LIMIT, "book_count", 3, 2),
+        ("book-dimensions-65", "65 dimensions", _LIMIT, "d", 65, 0),
+        ("book-4097", "4097 codewords", _LIMIT, "size", 4097, 0),
+        ("codeword-low", "a component of -65536", _BOOK, "words", folded(-65536), 0),
+        ("codeword-highest", "a component of 2^31 - 1", _BOOK, "words", (1 << 32) - 2, 0),
+    ):
+        yield name, what, *rule, renumbered(static, kind, numbered((field, value)), growth)
+    twice = renumbered(static, kind, lambda n: [n[0], (n[1][0], 2), *n[2:], *n[2:]], 1)
+    yield "books-equal", "codebook 0 twice", *_BOOK, twice
     yield from _book_places(static, refined, words)
 
 
@@ -77,15 +68,6 @@ def _book_places(static: bytes, refined: bytes, words: np.ndarray) -> Iterator[F
     wide = {n: np.pad(book, ((0, 0), (0, 1))) for n, book in unpack_codebooks(later).items()}
     yield ("book-wide", "codebook 1 of a dimension more than codebook 0", "R-7.8-3", "bad-mlp",
            changed(refined, BlockKind.CODEBOOKS, 2, lambda _: codebooks_block(wide)))
-
-
-def _with_component(data: bytes, value: int) -> bytes:
-    def edit(payload: bytes) -> bytes:
-        books = unpack_codebooks(payload)
-        books[0][1, -1] = value
-        return codebooks_block(books)
-
-    return changed(data, BlockKind.CODEBOOKS, 1, edit)
 
 
 # ---------------------------------------------------------------------------------------------- networks
@@ -132,8 +114,6 @@ def decoder_faults(static: bytes, coloured: bytes) -> Iterator[Fault]:
     yield "mlp-five-layers", "five layers", *_LIMIT, decoder((_layer(2, 2),) * 4 + (good,))
     yield "mlp-1025-rows", "1025 rows", *_LIMIT, decoder((_layer(1025, 2), _layer(12, 1025)))
     yield "mlp-1025-columns", "1025 columns", *_LIMIT, decoder((_layer(12, 1025),))
-    yield ("mlp-content", "2^20 weights in a layer, after 24 of another network", *_ROOM,
-           decoder((good,), (_layer(1024, 1024, 0),)))
 
 
 def idle_faults(static: bytes, bare: bytes) -> Iterator[Fault]:

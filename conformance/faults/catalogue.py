@@ -11,7 +11,6 @@ from conformance.faults.layer_faults import layer_faults
 from conformance.faults.network_faults import network_faults, place_faults
 from conformance.faults.number_faults import number_faults, table_faults
 from conformance.faults.predictor_faults import predictor_faults
-from conformance.faults.rice_faults import rice_faults
 from conformance.scenes.cases import Case, Fault, refused
 from conformance.surgery.edit import append, cut, plus, replaced, splice
 from conformance.surgery.files import (
@@ -47,7 +46,6 @@ def invalid_files(files: Files) -> Iterator[Case]:
     yield from (refused(*fault, stage="models") for fault in _payload_faults(base))
     yield from (refused(*fault, stage="models") for fault in _model_faults(base, data["anchors"]))
     yield from (refused(*fault, stage="tiles") for fault in _symbol_faults(base, small))
-    yield from rice_faults(small, data["index-equal"])
     yield from _block_by_block(files, data)
 
 
@@ -57,7 +55,7 @@ def _block_by_block(files: Files, data: dict[str, bytes]) -> Iterator[Case]:
     for faults in (
         layer_faults(files["explicit-refined"], files["anchors-32-slots"], static, data["predictors"],
                      data["predictors-alone"]),
-        number_faults(static[0], data["anchors"]),
+        number_faults(static[0], data["anchors"], data["index-equal"], data["predictors"]),
         table_faults(static[0]),
         codebook_faults(static[0], data["explicit-refined"]),
         decoder_faults(static[0], data["explicit-refined"]),

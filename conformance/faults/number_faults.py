@@ -2,55 +2,78 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from functools import partial
 
 from conformance.decoders.python.fields import key
 from conformance.faults.table_records import with_tables
 from conformance.scenes.cases import Fault
-from conformance.surgery.edit import append
+from conformance.surgery.edit import append, numbered
 from conformance.surgery.files import changed, renumbered
 from conformance.writer.numbers import Number
 from conformance.writer.tables import Record
 from scarfmt.container.schema import BlockKind, Stream
 
 _TABLE, _LIMIT, _SEAL = ("R-8.3-1", "bad-table"), ("R-5.7-3", "count-limit"), ("R-8.2-2", "rans-seal")
-_NUMBER, _MLP = ("R-8.5-1", "bad-number"), ("R-7.9-1", "bad-mlp")
+_NUMBER, _SHIFTED, _MLP = ("R-8.5-1", "bad-number"), ("R-8.5-2", "bad-number"), ("R-7.9-1", "bad-mlp")
 _TOP, _LONG = (1 << 31) - 1, (1 << 32) - 1
+WORD = bytes([1, 0, 0, 0])
+"""Before a stream it makes the state at the end another."""
 _UNUSED = key(Stream.FRAMING, 0, 0, 0)
 """A key that names nothing, after all others."""
 
 
-def number_faults(static: bytes, anchors: bytes) -> Iterator[Fault]:
-    """Faults of a file with TABLES and DECODER_MLP in layer 1, and of one with SCENE_MLP."""
-    word = bytes([1, 0, 0, 0])
-    for data, kind in ((static, BlockKind.TABLES), (static, BlockKind.DECODER_MLP), (anchors, BlockKind.SCENE_MLP)):
+def number_faults(static: bytes, anchors: bytes, equal: bytes, predicted: bytes) -> Iterator[Fault]:
+    """Faults of a file with TABLES, CODEBOOKS and DECODER_MLP in layer 1, of one with SCENE_MLP, of one whose index
+    network ends in biases of 0, and of one with predictors."""
+    shifted = (equal, BlockKind.ENTROPY_NETWORK), (predicted, BlockKind.PREDICTORS)
+    for data, kind in (
+        (static, BlockKind.TABLES), (static, BlockKind.CODEBOOKS), (static, BlockKind.DECODER_MLP),
+        (anchors, BlockKind.SCENE_MLP), *shifted,
+    ):
         name = kind.name.lower().replace("_", "-")
         yield f"{name}-odd", "a byte after the last word", "R-8.2-1", "rans-length", changed(data, kind, 1, append())
         yield (f"{name}-last-word", "a last word of 0", "R-8.2-1", "rans-last-word",
                changed(data, kind, 1, append(bytes(4))))
         yield (f"{name}-word-more", "a word more than the numbers take", *_SEAL,
-               changed(data, kind, 1, lambda payload: word + payload))
+               changed(data, kind, 1, lambda payload: WORD + payload))
         yield (f"{name}-word-less", "the first word is missing: the reader goes on, the end is wrong", *_SEAL,
                changed(data, kind, 1, lambda payload: payload[4:]))
         yield (f"{name}-number-more", "a number after the last", *_SEAL,
                renumbered(data, kind, lambda numbers: [*numbers, (("more", 0), 1)]))
         yield (f"{name}-number-long", "a number that begins with 32 bits of 1", *_NUMBER,
-               renumbered(data, kind, lambda numbers: [*numbers[:-1], (numbers[-1][0], _LONG)]))
-    for name, purpose, rule, changes in (
-        ("weights", "a weight of 32768, then a long one", _NUMBER, (("weights", 1 << 16), ("weights", _LONG))),
-        ("scales", "a weight of 32768, then a long scale", _MLP, (("weights", 1 << 16), ("scales", _LONG))),
-        ("biases", "a scale that is not a number, then a long bias", _MLP,
+               renumbered(data, kind, ending_long))
+    for data, kind in shifted:
+        name = kind.name.lower().replace("_", "-")
+        for which, what, rule, shift, first in (
+            ("32", "numbers shifted by 32", _LIMIT, 32, 0), ("wide", "1 shifted by 31", _SHIFTED, 31, 2),
+            ("low", "-1 shifted by 31: -2^31, which 32 bits hold", _SHIFTED, 31, 1),
+        ):
+            yield (f"{name}-shift-{which}", what, *rule,
+                   renumbered(data, kind, partial(_shift, shift=shift, first=first)))
+    mlp, books, order = BlockKind.DECODER_MLP, BlockKind.CODEBOOKS, ("R-8.5-1 R-12.2-3", "bad-number")
+    for name, purpose, rule, kind, changes in (
+        ("mlp-order-weights", "a weight of 32768, then a long one", order, mlp,
+         (("weights", 1 << 16), ("weights", _LONG))),
+        ("mlp-order-scales", "a weight of 32768, then a long scale", _MLP, mlp,
+         (("weights", 1 << 16), ("scales", _LONG))),
+        ("mlp-order-biases", "a scale that is not a number, then a long bias", _MLP, mlp,
          (("scales", 0x7FC00000), ("biases", _LONG))),
+        ("book-order", "a component of 65536, then a long one of the same dimension", order, books,
+         (("words", 1 << 17), ("words", _LONG))),
     ):  # fmt: skip
-        yield (f"mlp-order-{name}", purpose, *rule,
-               renumbered(static, BlockKind.DECODER_MLP, partial(_put, changes=changes)))
+        yield name, purpose, *rule, renumbered(static, kind, numbered(*changes))
 
 
-def _put(numbers: list[Number], changes: Sequence[tuple[str, int]]) -> list[Number]:
-    """The numbers with others for these fields, each for the first after the one before."""
-    left = list(changes)
-    return [(field, left.pop(0)[1] if left and left[0][0] == field[0] else value) for field, value in numbers]
+def ending_long(numbers: list[Number]) -> list[Number]:
+    """The numbers, the last of them too long."""
+    return [*numbers[:-1], (numbers[-1][0], _LONG)]
+
+
+def _shift(numbers: list[Number], shift: int, first: int) -> list[Number]:
+    """The numbers, of the last array that is shifted another shift and first number."""
+    at = max(i for i, (field, _) in enumerate(numbers) if field[0] == "shift of")
+    return [*numbers[:at], (numbers[at][0], shift), (numbers[at + 1][0], first), *numbers[at + 2 :]]
 
 
 def table_faults(static: bytes) -> Iterator[Fault]:

@@ -7,12 +7,22 @@ from dataclasses import replace
 
 import numpy as np
 
+from conformance.faults.number_faults import WORD, ending_long
 from conformance.scenes.cases import Fault
 from conformance.scenes.made import Plan, build, channel
-from conformance.surgery.edit import Changes, append, cut, edited, further, replaced, splice
-from conformance.surgery.files import block_of, blocks_of, changed, rebuilt, vector_file, without
-from conformance.writer.fields import varint
+from conformance.surgery.edit import Changes, edited, further, numbered, replaced
+from conformance.surgery.files import (
+    block_of,
+    blocks_of,
+    changed,
+    numbers_of,
+    rebuilt,
+    renumbered,
+    vector_file,
+    without,
+)
 from conformance.writer.networks import predictors_block
+from conformance.writer.numbers import numbers_block
 from scarfmt.blocks.predictors import unpack_predictors
 from scarfmt.container.file import Block, Tile
 from scarfmt.container.schema import BlockKind, Stream
@@ -26,7 +36,7 @@ _PREDICTORS = BlockKind.PREDICTORS
 _HEAD, _VALUES, _FIT, _ROWS = (
     (rule, "bad-predictor") for rule in ("R-10.3-1", "R-10.3-2", "R-10.3-3", "R-10.1-1")
 )
-_SHORT, _LONG = ("R-5.7-2", "payload-short"), ("R-5.7-2", "payload-long")
+_LIMIT = "R-5.7-3", "count-limit"
 
 
 def _edited(data: bytes, changes: Changes) -> bytes:
@@ -38,19 +48,18 @@ def _edited(data: bytes, changes: Changes) -> bytes:
 
 def predictor_faults(base: bytes, edge: bytes, alone: bytes) -> Iterator[Fault]:
     """Faults of the vectors `predictors`, `predictors-edge` and `predictors-alone`, which has no ROTATION."""
-    # Of the first record: stream 1, component 2, step 3, b1 4, b2 5, classes 6, inputs 7, units 8.
-    for name, purpose, rule, change in (
-        ("s-none", "a PREDICTORS block without a predictor", _HEAD, lambda _: b"\0"),
-        ("-residual", "a predictor of POSITION_RESIDUAL", _HEAD, splice(1, bytes([Stream.POSITION_RESIDUAL]))),
-        ("-indices", "a predictor of INDICES", _HEAD, splice(1, bytes([Stream.INDICES]))),
-        ("-classes", "columns of sixteen classes", _HEAD, splice(6, b"\x10")),
-        ("-no-inputs", "fifteen inputs", _HEAD, splice(7, b"\x0f")),
-        ("-units", "65 hidden units", _HEAD, splice(8, b"\x41")),
-        ("s-1025", "1025 predictors", ("R-5.7-3", "count-limit"), splice(0, varint(1025))),
-        ("s-short", "a predictor that ends early", _SHORT, cut),
-        ("s-long", "a byte after the last predictor", _LONG, append()),
+    for name, purpose, rule, field, value in (
+        ("s-none", "a PREDICTORS block without a predictor", _HEAD, "predictor_count", 0),
+        ("-residual", "a predictor of POSITION_RESIDUAL", _HEAD, "stream", int(Stream.POSITION_RESIDUAL)),
+        ("-indices", "a predictor of INDICES", _HEAD, "stream", int(Stream.INDICES)),
+        ("-classes", "columns of sixteen classes", _HEAD, "classes", 16),
+        ("-no-inputs", "fifteen inputs", _HEAD, "inputs", 15),
+        ("-units", "65 hidden units", _HEAD, "units", 65),
+        ("s-1025", "1025 predictors", _LIMIT, "predictor_count", 1025),
+        *((f"-{field}-256", f"{field} is 256", _LIMIT, field, 256)
+          for field in ("stream", "component", "step", "b1", "b2", "classes", "inputs", "units", "shift")),
     ):
-        yield f"predictor{name}", purpose, *rule, changed(base, _PREDICTORS, 1, change)
+        yield f"predictor{name}", purpose, *rule, renumbered(base, _PREDICTORS, numbered((field, value)))
     for name, purpose, rule, data, changes in _edits(base, edge, alone):
         yield f"predictor{name}", purpose, *rule, _edited(data, changes)
     yield from _order_faults(base, edge)
@@ -61,7 +70,7 @@ def _edits(base: bytes, edge: bytes, alone: bytes) -> Iterator[tuple[str, str, t
     reach = "an accumulator that can reach 2^24"
     yield "-buckets", "257 buckets", _VALUES, base, {"0.buckets": (129, 2)}
     yield "-step-zero", "a predictor of step 0", _VALUES, base, {"0.step": 0}
-    yield "-weight-lowest", "a weight of -2^31", _VALUES, base, {"0.output.weights.1.-1": -(1 << 31)}
+    yield "-weight-highest", "a weight of 2^31 - 1", _VALUES, base, {"0.output.weights.1.-1": (1 << 31) - 1}
     yield "-shift", "a shift of 25", _ROWS, base, {"0.output.shift": 25}
     yield "-reach", reach, _ROWS, edge, {"0.output.biases.0": further}
     yield ("-hidden-reach", "an accumulator of a hidden unit that can reach 2^24", _ROWS, edge,
@@ -94,13 +103,15 @@ def _wider(predictor: Predictor) -> Predictor:
 
 
 def _order_faults(base: bytes, edge: bytes) -> Iterator[Fault]:
-    """R-10.3-2 is applied after the bytes of the record, and before those of the next."""
-    for name, changes in (("step-zero", {"step": 0}), ("buckets", {"buckets": (129, 2)})):
-        first = edited(unpack_predictors(block_of(base, _PREDICTORS).payload)[0], changes)
-        yield (f"predictor-{name}-cut", "a record that breaks R-10.3-2, and ends early", *_SHORT,
-               changed(base, _PREDICTORS, 1, replaced(predictors_block((first,))[:-1])))
-    long = changed(_edited(edge, {"0.output.biases.0": further}), _PREDICTORS, 1, append())
-    yield ("predictor-reach-long", "an accumulator that can reach 2^24, and a byte after the last record", *_ROWS, long)
+    """R-10.3-2 is applied after the numbers of the record, and before those of the next."""
+    first = predictors_block(unpack_predictors(block_of(base, _PREDICTORS).payload)[:1])
+    for name, changes in (("step-zero", {"step": 0}), ("buckets", {"b1": 128, "b2": 1})):
+        numbers = numbered(*changes.items())(numbers_of(first, _PREDICTORS))
+        long = numbers_block(ending_long(numbers))
+        yield (f"predictor-{name}-long", "a record that breaks R-10.3-2, and ends in a number too long", "R-8.5-1",
+               "bad-number", changed(base, _PREDICTORS, 1, replaced(long)))
+    more = changed(_edited(edge, {"0.output.biases.0": further}), _PREDICTORS, 1, lambda payload: WORD + payload)
+    yield "predictor-reach-seal", "an accumulator that can reach 2^24, and a word too many", *_ROWS, more
 
 
 def _scene_faults(base: bytes) -> Iterator[Fault]:

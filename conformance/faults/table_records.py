@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from conformance.decoders.python.models import parse_tables
+from conformance.decoders.python.numbers import Numbers
 from conformance.surgery.edit import replaced
 from conformance.surgery.files import block_of, changed
 from conformance.writer.numbers import numbers_block
@@ -18,7 +19,7 @@ Records = list[Record]
 def with_tables(data: bytes, layer: int, change: Callable[[Records], Records]) -> bytes:
     """The file with other tables in `layer`, the directory's count right; something must change."""
     payload = block_of(data, BlockKind.TABLES, layer).payload
-    before = [Record(key, *table) for key, table in parse_tables(payload).items()]
+    before = [Record(key, *table) for key, table in parse_tables(Numbers(payload)).items()]
     after = change(before)
     assert after != before
     made = numbers_block(table_numbers(after))

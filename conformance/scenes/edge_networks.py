@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from typing import Any
@@ -11,13 +12,13 @@ import numpy as np
 from conformance.scenes.cases import Case
 from conformance.scenes.made import ANCHOR_CHANNELS, EVERY_CHANNEL, Plan, build, channel
 from conformance.scenes.neural_models import GridPlan, NetworkPlan, PredictorPlan
-from conformance.surgery.files import vector_file
-from conformance.writer.fields import RiceStyle
+from conformance.surgery.files import renumbered, vector_file
+from conformance.writer.numbers import Number
 from conformance.writer.options import WriteOptions
 from scarfmt.arrays import I32
 from scarfmt.coding.writer import QuantisedScene
 from scarfmt.container.file import Tile
-from scarfmt.container.schema import Profile, Stream
+from scarfmt.container.schema import BlockKind, Profile, Stream
 from scarfmt.neural.arithmetic import MAX_SHIFT, Linear
 from scarfmt.neural.grid import GridLevel
 from scarfmt.neural.network import Attention, GruLayer, IndexNetwork
@@ -87,9 +88,23 @@ def predictor_cases() -> Iterator[Case]:
                 (*rules, "R-10.1-1"))
     yield _edge("predictors-largest", "weights of 32767 and -32767", _largest(), ("R-10.1-1", "R-10.3-2"))
     yield from _latent_cases((*rules, "R-10.3-1"))
-    style = WriteOptions(class_columns=15, rice=RiceStyle(raised=4, most_shift=0, zero_shift=31))
-    yield _edge("predictors-stored", "class columns without weights, larger Rice parameters, zeros shifted by 31",
-                _passes(1, (5,)), ("R-5.9-1", "R-5.9-2", "R-10.3-1"), style)
+    stored = build(_passes(1, (5,)))
+    data = vector_file(stored, options=WriteOptions(class_columns=15))
+    yield Case("edge/predictors-stored", "class columns without weights; biases that share no shift, or zeros by 31",
+               renumbered(data, BlockKind.PREDICTORS, _unshifted), ("R-8.5-2", "R-10.3-1"), scene=stored)
+
+
+def _unshifted(numbers: list[Number]) -> list[Number]:
+    """The numbers, what was shifted shifted by 0, or by 31 where all of it is 0."""
+    out: list[Number] = []
+    for field, array in itertools.groupby(numbers, lambda one: one[0]):
+        values = [n for _, n in array]
+        if out and out[-1][0] == ("shift of", *field):
+            shift, out[-1] = out[-1][1], (out[-1][0], 0 if any(values) else 31)
+            # 2v stands for v, 2v + 1 for -v - 1.
+            values = [(n + n % 2 << shift) - n % 2 for n in values]
+        out += [(field, n) for n in values]
+    return out
 
 
 def _latent_cases(rules: Sequence[str]) -> Iterator[Case]:
@@ -362,9 +377,9 @@ def _number_cases() -> Iterator[Case]:
             replace(head, biases=np.arange(len(head.biases)) % 5) for head in scene.network.heads))
         yield _edge(f"index-codeword-shift-{shift}", f"a codeword shift of {shift}: activations at their end or all 0",
                     replace(scene, network=silent), ("R-10.5-7", "R-10.5-8"))
-    style = WriteOptions(rice=RiceStyle(raised=3, most_shift=0, zero_shift=31))
-    yield _edge("index-rice", "larger Rice parameters, no zero bits left out, zeros shifted by 31", _plan(
-        "rice", NetworkPlan(clusters=((), (6, 6))), _rows((True, (2,), 1))), ("R-5.9-1", "R-5.9-2"), style)
+    scene = build(_plan("shifts of arrays", NetworkPlan(clusters=((), (6, 6))), _rows((True, (2,), 1))))
+    yield Case("edge/index-shifts", "no zero bits left out of biases, zeros shifted by 31",
+               renumbered(vector_file(scene), BlockKind.ENTROPY_NETWORK, _unshifted), ("R-8.5-2",), scene=scene)
 
 
 def _grid_cases() -> Iterator[Case]:

@@ -28,7 +28,6 @@ from conformance.scenes.made import (
 from conformance.scenes.page_scenes import page_cases
 from conformance.scenes.prng import Prng
 from conformance.surgery.files import renumbered, vector_file
-from conformance.writer.fields import RiceStyle
 from conformance.writer.numbers import Number
 from conformance.writer.options import Renewal, Weights, WriteOptions
 from conformance.writer.tables import table_of
@@ -51,7 +50,7 @@ def edge_cases() -> Iterator[Case]:
     """Every case, each of the class ``edge``."""
     for cases in (
         _position_cases(), _lattice_cases(), _table_cases(), _value_cases(), _latent_cases(), _colour_cases(),
-        _layer_cases(), _tile_cases(), page_cases(), _anchor_cases(), _number_cases(), _rice_cases(),
+        _layer_cases(), _tile_cases(), page_cases(), _anchor_cases(), _number_cases(),
         _annotation_cases(), predictor_cases(), network_cases(), activation_cases(),
     ):
         yield from cases
@@ -388,22 +387,6 @@ def _as_of_24_bits(numbers: list[Number]) -> list[Number]:
         (field, 23) if field[0] == "precision" else (("weights", 23), n) if field[0] == "weights" else (field, n)
         for field, n in numbers
     ]
-
-
-def _rice_cases() -> Iterator[Case]:
-    plan = _plan("rice", (20,), rows=steady(1, 2, (1,)), dimension=3, codewords=(9, 3), degree=1)
-    for name, purpose, style in (
-        ("larger", "Rice codes with parameters three larger than the best", RiceStyle(raised=3)),
-        ("least", "Rice codes with the least parameters that are allowed", RiceStyle(raised=-31)),
-        ("largest", "Rice codes with the parameter 31", RiceStyle(raised=31)),
-    ):
-        yield _edge(f"rice-{name}", purpose, plan, ("R-5.9-1", "R-5.9-4"), WriteOptions(rice=style), ("rice",))
-    scene = build(replace(plan, seed="edge quotient"))
-    assert scene.codebooks is not None
-    # -128 is folded to 255; with the parameter 0 all of it is the quotient.
-    scene.codebooks.coarse[3, 1], scene.codebooks.residual[2, 2] = -128, 127
-    yield _edge("rice-quotient-255", "a quotient of 255 bits", scene, ("R-5.9-1",),
-                WriteOptions(rice=RiceStyle(raised=-31)), ("rice",))
 
 
 def _annotation_cases() -> Iterator[Case]:

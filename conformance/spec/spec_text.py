@@ -94,7 +94,7 @@ def refusal_class(refusal: str) -> str:
         return "truncated"
     if refusal.startswith("unsupported-") or refusal == "unknown-critical-block":
         return "unsupported"
-    return "limit" if refusal.startswith("limit-") or refusal in ("count-limit", "content-limit") else "malformed"
+    return "limit" if refusal.startswith("limit-") or refusal == "count-limit" else "malformed"
 
 
 def refusal_classes() -> dict[str, str]:

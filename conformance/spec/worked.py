@@ -11,6 +11,7 @@ from conformance.decoders.python.answers import Answers
 from conformance.decoders.python.decoder import Decoder
 from conformance.decoders.python.fields import Rans, key
 from conformance.decoders.python.models import parse_tables
+from conformance.decoders.python.numbers import Numbers
 from conformance.expect.expectations import decoded_arrays
 from conformance.scenes.made import worked_scene
 from conformance.surgery.files import numbers_of, substream_bytes, vector_file
@@ -38,7 +39,7 @@ def table_rows(block: bytes) -> Iterator[str]:
     yield f"state 0x{Rans(block, {}).state:X}, numbers of 0 or more:"
     (_, count), *numbers = numbers_of(block, BlockKind.TABLES)
     yield f"table_count {count}"
-    for number, (values, weights) in parse_tables(block).items():
+    for number, (values, weights) in parse_tables(Numbers(block)).items():
         # 4 of the key; more and first; gaps, precision and weights.
         size = 6 if len(values) == 1 else 6 + 2 * len(values)
         sent, numbers = numbers[:size], numbers[size:]

@@ -23,6 +23,7 @@ from conformance.decoders.python.arithmetic import (
     sigmoid12,
 )
 from conformance.decoders.python.index_network import Coder, Network, frequencies, parse_network
+from conformance.decoders.python.numbers import Numbers
 from conformance.writer.networks import network_block
 from scarfmt.neural import arithmetic, network
 from scarfmt.scene.model import Codebooks
@@ -91,7 +92,7 @@ def worked_network() -> network.IndexNetwork:
 
 def plain_network() -> Network:
     """The network read back from its block."""
-    return parse_network(network_block(worked_network()))
+    return parse_network(Numbers(network_block(worked_network())))
 
 
 def _shown(value: Any) -> str:

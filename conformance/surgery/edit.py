@@ -8,6 +8,8 @@ from typing import Any
 
 import numpy as np
 
+from conformance.writer.numbers import Number
+
 Changes = Mapping[str, Any]
 """By path, such as ``gru.0.start.-1``, a value or a function of that which is there. The empty path is the whole."""
 
@@ -44,6 +46,18 @@ more = plus(1)
 def further(number: int) -> int:
     """The next integer further from 0."""
     return number + (1 if number > 0 else -1)
+
+
+def numbered(*changes: tuple[str, int]) -> Callable[[list[Number]], list[Number]]:
+    """A change of numbers: others for these fields, each for the first after the one before."""
+
+    def put(numbers: list[Number]) -> list[Number]:
+        left = list(changes)
+        out = [(field, left.pop(0)[1] if left and left[0][0] == field[0] else number) for field, number in numbers]
+        assert not left
+        return out
+
+    return put
 
 
 def splice(at: int, new: bytes, length: int = 1) -> Callable[[bytes], bytes]:

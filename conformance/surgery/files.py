@@ -5,9 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 from dataclasses import replace
 
+from conformance.decoders.python.decoder import parse_codebooks
 from conformance.decoders.python.front import NO_TILE, Root, read_entries, read_tiles
-from conformance.decoders.python.models import read_networks, read_tables
+from conformance.decoders.python.index_network import parse_network
+from conformance.decoders.python.models import parse_networks, parse_tables
 from conformance.decoders.python.numbers import Numbers
+from conformance.decoders.python.predictors import parse_predictors
 from conformance.spec.spec_text import size_of
 from conformance.surgery.parts import Row, substreams, unpack
 from conformance.writer.container import Counts, write_container
@@ -20,6 +23,11 @@ from scarfmt.container.schema import BlockKind, ColourSpace, CoordinateFrame, Re
 from scarfmt.container.substreams import pack_substreams, unpack_table
 
 _PLAIN = WriteOptions()
+_PARSERS: dict[int, Callable[[Numbers], object]] = {
+    BlockKind.TABLES: parse_tables, BlockKind.CODEBOOKS: parse_codebooks, BlockKind.DECODER_MLP: parse_networks,
+    BlockKind.SCENE_MLP: parse_networks, BlockKind.ENTROPY_NETWORK: parse_network,
+    BlockKind.PREDICTORS: parse_predictors,
+}
 
 
 def blocks_of(data: bytes) -> list[Block]:
@@ -88,18 +96,19 @@ def changed(data: bytes, kind: BlockKind, layer: int, change: Callable[[bytes], 
     return rebuilt(data, blocks)
 
 
-def renumbered(data: bytes, kind: BlockKind, change: Callable[[list[Number]], list[Number]]) -> bytes:
-    """The file with the numbers of its first block of `kind` in layer 1 changed."""
-    return changed(data, kind, 1, lambda payload: numbers_block(change(numbers_of(payload, kind))))
+def renumbered(
+    data: bytes, kind: BlockKind, change: Callable[[list[Number]], list[Number]], count: int = 0
+) -> bytes:
+    """The file with the numbers of its first block of `kind` in layer 1 changed; see :func:`changed`."""
+    return changed(data, kind, 1, lambda payload: numbers_block(change(numbers_of(payload, kind))), count)
 
 
 def numbers_of(payload: bytes, kind: BlockKind) -> list[Number]:
-    """The numbers of a sound TABLES, DECODER_MLP or SCENE_MLP block."""
+    """The numbers of a sound block, if it is of numbers."""
+    if kind not in _PARSERS:
+        return []
     numbers = Numbers(payload)
-    if kind == BlockKind.TABLES:
-        read_tables(numbers)
-    else:
-        read_networks(numbers)
+    _PARSERS[kind](numbers)
     return numbers.taken
 
 

@@ -62,7 +62,7 @@ def _model_blocks(scene: QuantisedScene, layer: int, options: WriteOptions) -> I
     yield Block(BlockKind.LAYER, layer, layer_block(row, opening), count=len(row.stages))
     books = _books(scene, layer)
     if books:
-        yield Block(BlockKind.CODEBOOKS, layer, codebooks_block(books, options.rice), count=len(books))
+        yield Block(BlockKind.CODEBOOKS, layer, codebooks_block(books), count=len(books))
     if scene.decoder is not None and _first(scene, 0, latent=True) == layer:
         yield Block(BlockKind.DECODER_MLP, layer, _networks((scene.decoder,)), count=1)
     if scene.scene_mlps and layer == 1:
@@ -93,10 +93,10 @@ def _neural_blocks(scene: QuantisedScene, layer: int, options: WriteOptions) -> 
         if scene.grid is not None:
             payload = grid_block(scene.grid, options.grid_ones)
             yield Block(BlockKind.HASH_GRID, layer, payload, count=len(scene.grid.levels))
-        yield Block(BlockKind.ENTROPY_NETWORK, layer, network_block(scene.network, options.rice), count=1)
+        yield Block(BlockKind.ENTROPY_NETWORK, layer, network_block(scene.network), count=1)
     group = scene.predictors.get(layer, ())
     if group:
-        payload = predictors_block(group, options.class_columns, options.rice)
+        payload = predictors_block(group, options.class_columns)
         yield Block(BlockKind.PREDICTORS, layer, payload, count=len(group))
 
 

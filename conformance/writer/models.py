@@ -5,8 +5,8 @@ from __future__ import annotations
 import struct
 from collections.abc import Mapping, Sequence
 
-from conformance.writer.fields import PLAIN, RiceStyle, folded, rice, varint
-from conformance.writer.numbers import Number
+from conformance.writer.fields import varint
+from conformance.writer.numbers import Number, numbers_block, signed
 from scarfmt.arrays import Ints
 from scarfmt.blocks.mlp import Linear
 from scarfmt.scene.model import Channel, DecodedContext, LayerRow
@@ -35,13 +35,15 @@ def _classes(row: LayerRow) -> bytes:
     return varint(len(row.stages)) + b"".join(states)
 
 
-def codebooks_block(books: Mapping[int, Ints], style: RiceStyle = PLAIN) -> bytes:
+def codebooks_block(books: Mapping[int, Ints]) -> bytes:
     """A CODEBOOKS block of (size, d) codewords by number of the book."""
     dimension = max(book.shape[1] for book in books.values())
-    out = [varint(dimension), varint(len(books))]
+    out: list[Number] = [(("d",), dimension), (("book_count",), len(books))]
     for number, book in sorted(books.items()):
-        out += [bytes([number]), varint(len(book)), *(rice(column, style) for column in book.T.tolist())]
-    return b"".join(out)
+        out += [(("number",), number), (("size",), len(book))]
+        for component, column in enumerate(book.T.tolist()):
+            out += signed(("words", component), column)
+    return numbers_block(out)
 
 
 def network_numbers(networks: Sequence[Sequence[Linear]]) -> list[Number]:
@@ -51,7 +53,7 @@ def network_numbers(networks: Sequence[Sequence[Linear]]) -> list[Number]:
         out.append((("layer_count",), len(layers)))
         for layer in layers:
             out += [(("rows",), layer.weights.shape[0]), (("columns",), layer.weights.shape[1])]
-            out += [(("weights",), folded(weight)) for weight in layer.weights.ravel().tolist()]
+            out += signed(("weights",), layer.weights.ravel().tolist())
             for name, values in (("scales", layer.scales), ("biases", layer.biases)):
                 out += [((name,), bits) for bits in values.astype("<f4").view("<u4").tolist()]
     return out

@@ -2,101 +2,106 @@
 
 from __future__ import annotations
 
+import itertools
 import struct
 from collections.abc import Sequence
 
 import numpy as np
 
-from conformance.writer.fields import PLAIN, RiceStyle, rice, shifted, varint
+from conformance.writer.fields import varint
+from conformance.writer.numbers import Number, numbers_block, shifted, signed
 from scarfmt.arrays import Ints
 from scarfmt.entropy.rans import FrequencyTable, RansEncoder
 from scarfmt.neural.arithmetic import Linear
 from scarfmt.neural.grid import HashGrid
-from scarfmt.neural.network import Attention, GruLayer, Head, IndexNetwork
+from scarfmt.neural.network import GruLayer, Head, IndexNetwork
 from scarfmt.neural.predictors import Predictor
 
 CLASS_COLUMNS = 15
 OWN, ATTENTION = 1, 2
 
 
-def predictors_block(
-    predictors: Sequence[Predictor], class_columns: int = 0, style: RiceStyle = PLAIN
-) -> bytes:
+def predictors_block(predictors: Sequence[Predictor], class_columns: int = 0) -> bytes:
     """A PREDICTORS block; each stores the class columns up to the last with a weight, `class_columns` at least."""
-    records = (_predictor(predictor, class_columns, style) for predictor in predictors)
-    return varint(len(predictors)) + b"".join(records)
+    records = (_predictor(predictor, class_columns) for predictor in predictors)
+    return numbers_block([(("predictor_count",), len(predictors)), *itertools.chain.from_iterable(records)])
 
 
-def _predictor(predictor: Predictor, class_columns: int, style: RiceStyle) -> bytes:
+def _predictor(predictor: Predictor, class_columns: int) -> list[Number]:
     hidden, output = predictor.hidden, predictor.output
     layers = [output] if hidden is None else [hidden, output]
     units = 0 if hidden is None else len(hidden.weights)
     used = [c + 1 for c in range(CLASS_COLUMNS) if any(layer.weights[:, c].any() for layer in layers)]
     classes = max([class_columns, *used])
-    inputs = output.weights.shape[1] - units
-    buckets = [size - 1 for size in predictor.buckets]
-    head = bytes([predictor.stream, predictor.component, predictor.step, *buckets, classes, inputs, units])
-    return head + b"".join(_predictor_layer(layer, classes, style) for layer in layers)
+    one, two = predictor.buckets
+    out = _named(
+        stream=int(predictor.stream), component=predictor.component, step=predictor.step, b1=one - 1, b2=two - 1,
+        classes=classes, inputs=output.weights.shape[1] - units, units=units)
+    for layer in layers:
+        stored = [weight for row in layer.weights.tolist() for weight in row[:classes] + row[CLASS_COLUMNS:]]
+        out += [*_named(shift=layer.shift), *signed(("weights",), stored), *shifted("biases", layer.biases.tolist())]
+    return out
 
 
-def _predictor_layer(layer: Linear, classes: int, style: RiceStyle) -> bytes:
-    stored = [weight for row in layer.weights.tolist() for weight in row[:classes] + row[CLASS_COLUMNS:]]
-    return bytes([layer.shift]) + rice(stored, style) + shifted(layer.biases.tolist(), style)
+def _named(**numbers: int) -> list[Number]:
+    return [((name,), number) for name, number in numbers.items()]
 
 
-def network_block(network: IndexNetwork, style: RiceStyle = PLAIN) -> bytes:
+def network_block(network: IndexNetwork) -> bytes:
     """An ENTROPY_NETWORK block."""
-    out = [_network_head(network), *(_linear(layer, style) for layer in network.embed)]
-    out += [_recurrent(layer, style) for layer in network.gru]
-    if network.attention is not None:
-        out.append(_attention(network.attention, style))
-    out.append(_linear(network.mixer, style))
-    out += [_head(head, style) for head in network.heads]
-    return b"".join(out)
+    out = _network_head(network)
+    for layer in network.embed:
+        out += _linear(layer)
+    for recurrent in network.gru:
+        out += _recurrent(recurrent)
+    attention = network.attention
+    if attention is not None:
+        for layer in (attention.query, attention.key, attention.value):
+            out += _linear(layer)
+        out += _named(score_shift=attention.shift)
+    out += _linear(network.mixer)
+    for head in network.heads:
+        out += _head(head)
+    return numbers_block(out)
 
 
-def _network_head(network: IndexNetwork) -> bytes:
+def _network_head(network: IndexNetwork) -> list[Number]:
     inputs = network.inputs
-    flags = (OWN if inputs.own else 0) | (ATTENTION if network.attention is not None else 0)
     first, second = network.embed
-    numbers = [
-        *(inputs.classes, inputs.attributes, inputs.depths, inputs.latents, inputs.grid),
-        *(network.codeword_dims, len(first.weights), len(second.weights), len(network.mixer.weights)),
-        *(len(network.gru), len(network.gru[0].biases), len(network.heads)),
-    ]
-    shifts = bytes([network.activation_bits, flags, inputs.latent_shift, network.codeword_shift])
-    return shifts + b"".join(map(varint, numbers))
+    return _named(
+        activation_bits=network.activation_bits, flags=OWN * inputs.own | ATTENTION * (network.attention is not None),
+        latent_shift=inputs.latent_shift, codeword_shift=network.codeword_shift, classes=inputs.classes,
+        attributes=inputs.attributes, depths=inputs.depths, latents=inputs.latents, grid=inputs.grid,
+        codeword_dims=network.codeword_dims, embed_width=len(first.weights), hidden=len(second.weights),
+        mixed=len(network.mixer.weights), gru_count=len(network.gru),
+        tokens=len(network.gru[0].biases) if network.gru else 0, head_count=len(network.heads))
 
 
-def _matrix(matrix: Ints, style: RiceStyle) -> bytes:
-    return rice(matrix.ravel().tolist(), style)
+def _matrix(matrix: Ints) -> list[Number]:
+    return signed(("numbers",), matrix.ravel().tolist())
 
 
-def _numbers(numbers: Ints, style: RiceStyle) -> bytes:
-    return shifted(numbers.ravel().tolist(), style)
+def _shifted(**arrays: Ints) -> list[Number]:
+    return [number for name, array in arrays.items() for number in shifted(name, array.ravel().tolist())]
 
 
-def _linear(layer: Linear, style: RiceStyle) -> bytes:
-    return bytes([layer.shift]) + _matrix(layer.weights, style) + _numbers(layer.biases, style)
+def _linear(layer: Linear) -> list[Number]:
+    return [*_named(shift=layer.shift), *_matrix(layer.weights), *_shifted(biases=layer.biases)]
 
 
-def _recurrent(layer: GruLayer, style: RiceStyle) -> bytes:
-    out = [bytes([layer.shift]), *(_matrix(matrix, style) for matrix in (*layer.inputs, layer.recurrent))]
-    out += [_numbers(numbers, style) for numbers in (layer.biases, layer.recurrent_biases, layer.start)]
-    return b"".join(out)
+def _recurrent(layer: GruLayer) -> list[Number]:
+    matrices = (number for matrix in (*layer.inputs, layer.recurrent) for number in _matrix(matrix))
+    biases = _shifted(bi=layer.biases, bh=layer.recurrent_biases, start=layer.start)
+    return [*_named(shift=layer.shift), *matrices, *biases]
 
 
-def _attention(attention: Attention, style: RiceStyle) -> bytes:
-    layers = (attention.query, attention.key, attention.value)
-    return b"".join(_linear(layer, style) for layer in layers) + bytes([attention.shift])
-
-
-def _head(head: Head, style: RiceStyle) -> bytes:
-    out = [varint(number) for number in (len(head.biases), len(head.clusters), *head.clusters)]
-    out += [_linear(layer, style) for layer in head.projections]
-    out += [bytes([head.shift, head.member_shift])]
-    out += [_numbers(head.cluster_biases, style), _numbers(head.biases, style)]
-    return b"".join(out)
+def _head(head: Head) -> list[Number]:
+    out = _named(size=len(head.biases), cluster_count=len(head.clusters))
+    out += [(("clusters",), size) for size in head.clusters]
+    for layer in head.projections:
+        out += _linear(layer)
+    out += _named(shift=head.shift, member_shift=head.member_shift)
+    return [*out, *_shifted(cluster_biases=head.cluster_biases, biases=head.biases)]
 
 
 def grid_block(grid: HashGrid, ones: int | None) -> bytes:

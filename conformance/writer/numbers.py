@@ -4,12 +4,29 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Iterable, Iterator, Sequence
+from functools import reduce
+from operator import or_
+
+from conformance.writer.fields import folded
 
 Number = tuple[tuple[str | int, ...], int]
 """What names a number model - a field, and the values of what is in its brackets - and a number."""
+_MAX_SHIFT = 31
 _Interval = tuple[int, int]
 """F and f of a symbol."""
 _TOTAL, _WORD = 1 << 24, (1 << 32) - 1
+
+
+def signed(field: tuple[str | int, ...], values: Iterable[int]) -> list[Number]:
+    """Signed numbers of one field."""
+    return [(field, folded(value)) for value in values]
+
+
+def shifted(name: str, values: Sequence[int]) -> list[Number]:
+    """Signed numbers of one field that may share zero bits at their end, shifted as R-8.5-3 recommends."""
+    joined = reduce(or_, map(abs, values), 0)
+    shift = min((joined & -joined).bit_length() - 1, _MAX_SHIFT) if joined else 0
+    return [(("shift of", name), shift), *signed((name,), [value >> shift for value in values])]
 
 
 def numbers_block(numbers: Iterable[Number]) -> bytes:

@@ -6,7 +6,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import Enum
 
-from conformance.writer.fields import RiceStyle
 from conformance.writer.pages import PAGE_BITS
 from scarfmt.container.file import Block
 from scarfmt.entropy.keys import TableKey
@@ -45,7 +44,6 @@ class WriteOptions:
     """The default is a plain file: tables of the values that occur, nothing that codes nothing.
 
     Attributes:
-        rice: how Rice codes are chosen.
         fitted: whether tables are made from the symbols.
         tables: by layer; tables sent besides, and in place of those made from the symbols.
         weights, unused: of the tables made from the symbols: their weights; values added to each alphabet.
@@ -58,7 +56,6 @@ class WriteOptions:
         page_bits: a page has 2^page_bits tiles.
     """
 
-    rice: RiceStyle = field(default_factory=RiceStyle)
     fitted: bool = True
     tables: Mapping[int, Tables] = field(default_factory=dict)
     weights: Weights = Weights.COUNTS

@@ -21,9 +21,8 @@ from conformance.surgery.parts import repaged, rerooted, taken_apart
 from conformance.surgery.raw_pages import RawRows, RawTiles
 from conformance.surgery.reseal import is_file, resealed
 from conformance.writer.pages import Pages
-from scarfmt.blocks.declare import Scope
-from scarfmt.blocks.mlp import NETWORKS
-from scarfmt.blocks.tables import TABLES
+from scarfmt.blocks.declare import NumberRecord, Scope
+from scarfmt.blocks.registry import BLOCKS
 from scarfmt.container.bytefields import unsigned_varint
 from scarfmt.container.file import Block
 from scarfmt.container.schema import SIGNATURE, VERSION, BlockKind
@@ -31,8 +30,8 @@ from scarfmt.entropy.numbers import LARGEST, NumberReader, NumberWriter
 from scarfmt.errors import ScarError
 
 SEAL_CHANCE = 0.5
-NUMBERS = (BlockKind.TABLES, BlockKind.DECODER_MLP, BlockKind.SCENE_MLP)
-MODELS = (BlockKind.LAYER, BlockKind.CODEBOOKS, BlockKind.HASH_GRID, BlockKind.ENTROPY_NETWORK, BlockKind.PREDICTORS)
+NUMBERS = tuple(kind for kind, spec in BLOCKS.items() if isinstance(spec.declaration, NumberRecord))
+MODELS = (BlockKind.LAYER, BlockKind.HASH_GRID)
 SPECIAL_NUMBERS = (0, 1, 2, 127, 128, 255, 256, 65535, 65536, 1 << 31, (1 << 32) - 1, 1 << 53, 1 << 63, (1 << 64) - 1)
 """Numbers at which arithmetic goes wrong."""
 _FLOATS = ("nan", "inf", "-inf", "0", "-0.0", "-1", "5e-324", "1e308", "1e-300", "2.0")
@@ -404,15 +403,15 @@ class _Recorder(NumberReader):
 
 def _numbers(payload: bytes) -> list[tuple[Hashable, int]]:
     """The numbers of a block, as far as it can be read."""
-    reader: Any = None
-    for declaration in (TABLES, NETWORKS):
-        reader, around = _Recorder(payload), Scope({})
-        around["spend"] = lambda symbols: True
+    found: list[tuple[Hashable, int]] = []
+    for declaration in (BLOCKS[kind].declaration for kind in NUMBERS):
         with contextlib.suppress(ScarError):
-            declaration.take(reader, around)
+            reader: Any = _Recorder(payload)
+            found = reader.read
+            declaration.take(reader, Scope({}))
             reader.finish()
             break
-    return list(reader.read)
+    return found
 
 
 def _written(numbers: Iterable[tuple[Hashable, int]]) -> bytes:
@@ -451,7 +450,7 @@ def number_bomb(payload: bytes, dice: Dice) -> bytes:
 
 @_on_payload(*MODELS)
 def model_content(payload: bytes, dice: Dice) -> bytes:
-    """Numbers in a LAYER, CODEBOOKS, HASH_GRID, ENTROPY_NETWORK or PREDICTORS block."""
+    """Numbers in a LAYER or HASH_GRID block."""
     return altered(payload, dice)
 
 

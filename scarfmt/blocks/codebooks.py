@@ -1,6 +1,6 @@
 """CODEBOOKS block: the RVQ codewords first needed in a layer (SPEC §7.8; paper §3.2, dual codebook).
 
-Each dimension is Rice-coded by itself: trailing dimensions of a decorrelated latent hold small numbers.
+Each dimension has a number model of its own: trailing dimensions of a decorrelated latent hold small numbers.
 """
 
 from __future__ import annotations
@@ -8,9 +8,10 @@ from __future__ import annotations
 import numpy as np
 
 from scarfmt.arrays import I64
-from scarfmt.blocks.declare import U8, Check, Record, Repeat, Rule, Scope, bits, build, count, read
+from scarfmt.blocks.declare import Check, Number, NumberRecord, Record, Repeat, Rule, Scope, build, read
 from scarfmt.blocks.spec import BlockSpec, Writing
 from scarfmt.container.registries import BlockKind
+from scarfmt.entropy.numbers import Spend
 from scarfmt.errors import Malformed
 from scarfmt.scene.model import MAX_CODEWORDS, MAX_LATENT, first_layers
 
@@ -18,7 +19,7 @@ MAX_BOOKS = 2
 MAX_VALUE = 65535
 
 _DIMENSION = Record(
-    "words" / bits("size") * "in codeword order",
+    "words" / Number("signed", times="size", by="index") * "in codeword order",
     Rule(
         Check("R-7.8-1", "they are -65535..65535", "bad-codebook"),
         lambda at: int(np.abs(at["words"]).max()) <= MAX_VALUE,
@@ -27,8 +28,8 @@ _DIMENSION = Record(
 )
 
 _BOOK = Record(
-    "number" / U8 * "0: stage 1; 1: all later stages",
-    "size" / count(MAX_CODEWORDS) * "codewords",
+    "number" / Number(limit=255) * "0: stage 1; 1: all later stages",
+    "size" / Number(limit=MAX_CODEWORDS) * "codewords",
     Rule(
         Check("R-7.8-1", "number is 0 or 1 and ascends, size is at least 1", "bad-codebook"),
         lambda at: _sound_head(at),
@@ -37,14 +38,14 @@ _BOOK = Record(
     "components" / Repeat("d", _DIMENSION),
 )
 
-CODEBOOKS = Record(
-    "d" / count(MAX_LATENT) * "latent dimensions",
+CODEBOOKS = NumberRecord(
+    "d" / Number(limit=MAX_LATENT) * "latent dimensions",
     Rule(
         Check("R-7.8-1", "d is at least 1", "bad-codebook"),
         lambda at: bool(at["d"]),
         lambda at: _bad("codewords of no dimensions"),
     ),
-    "book_count" / count(MAX_BOOKS),
+    "book_count" / Number(limit=MAX_BOOKS),
     Rule(
         Check("R-7.8-1", "book_count is at least 1", "bad-codebook"),
         lambda at: at["book_count"] > 0,
@@ -69,13 +70,13 @@ def pack_codebooks(books: dict[int, I64]) -> bytes:
     return build(CODEBOOKS, {"d": dimension, "book_count": len(books), "books": fields})
 
 
-def unpack_codebooks(payload: bytes) -> dict[int, I64]:
+def unpack_codebooks(payload: bytes, spend: Spend = lambda count: True) -> dict[int, I64]:
     """Codewords by book number, (n, d) int64 each.
 
     Raises:
         Malformed: ``bad-codebook`` for a payload that breaks SPEC §7.8.
     """
-    books = read(CODEBOOKS, payload, "codebooks")["books"]
+    books = read(CODEBOOKS, payload, "codebooks", spend=spend)["books"]
     return {book["number"]: np.stack([part["words"] for part in book["components"]], axis=1) for book in books}
 
 
@@ -96,7 +97,7 @@ SPEC = BlockSpec(
     kind=BlockKind.CODEBOOKS,
     section="7.8",
     declaration=CODEBOOKS,
-    parse=lambda payload, reading: unpack_codebooks(payload),
+    parse=lambda payload, reading: unpack_codebooks(payload, reading.spend),
     pack=pack_codebooks,
     taken=_taken,
     count=len,

@@ -21,9 +21,8 @@ import numpy as np
 
 from scarfmt.container.bytefields import ByteReader, Trace, unsigned_varint
 from scarfmt.container.registries import Stream
-from scarfmt.entropy.numbers import NumberReader, NumberWriter
-from scarfmt.entropy.rice import pack_rice, pack_shifted, unpack_rice, unpack_shifted
-from scarfmt.errors import LimitExceeded, ScarError
+from scarfmt.entropy.numbers import NumberReader, NumberWriter, Spend
+from scarfmt.errors import LimitExceeded, Malformed, ScarError
 
 _NUMBERS = {"u1": "u8", "u4": "u32", "f4": "f32"}
 """The names that SPEC has for types of numpy."""
@@ -178,32 +177,6 @@ def array(dtype: str, number: str) -> Field:
     )
 
 
-def bits(number: str | int, shifted: bool = False) -> Field:
-    """(number,) int64, Rice-coded (SPEC §5.9); `shifted` where numbers may share zero bits at their end."""
-    length = formula(number)
-
-    def take(reader: ByteReader, scope: Scope) -> Any:
-        start = reader.position
-        values = unpack_shifted(reader, length(scope)) if shifted else unpack_rice(reader, length(scope))
-        if reader.trace is not None:
-            _report_rice(reader, reader.trace, start, shifted, values)
-        return values
-
-    put = lambda value, scope: pack_shifted(value) if shifted else pack_rice(value)  # noqa: E731
-    return Field(f"{'shifted' if shifted else 'rice'}({number})", take, put)
-
-
-def _report_rice(reader: ByteReader, trace: Trace, start: int, shifted: bool, values: Any) -> None:
-    if shifted:
-        trace.part("shift", start, start + 1, reader.byte(start))
-        start += 1
-    parameter, past = reader.byte(start), reader.position
-    low = past - (len(values) * parameter + 7) // 8
-    trace.part("k", start, start + 1, parameter)
-    trace.part("quotients", start + 1, low, values)
-    trace.part("low", low, past, f"{len(values)} x {parameter} bits")
-
-
 def _zigzag(values: Any) -> Any:
     return np.where(values >= 0, 2 * values, -2 * values - 1)
 
@@ -228,33 +201,84 @@ class Number(Element):
         times: how many, for an array; a single one otherwise.
         by: what chooses the number model, the name of the field aside.
         limit: the most a number may be, which then counts things.
+        shown: the form of a value in reports.
     """
 
-    def __init__(self, kind: str = "number", times: str = "", by: str = "", limit: int | None = None) -> None:
+    def __init__(
+        self,
+        kind: str = "number",
+        times: str = "",
+        by: str = "",
+        limit: int | None = None,
+        shown: Callable[[Any], Any] = lambda value: value,
+    ) -> None:
         spelled = kind if limit is None else f"count({limit})"
         self.spelled = (f"{times} times " if times else "") + spelled + (f"[{by}]" if by else "")
         self._times, self._by, self._limit = times and formula(times), by and formula(by), limit
         self._value, self._number = _MEANINGS[kind]
+        self._shown = shown
 
     def take(self, reader: Any, scope: Scope) -> Any:
-        model = self._model(scope)
         if callable(self._times):
-            length = self._times(scope)
-            return self._value(np.fromiter((reader.number(model) for _ in range(length)), np.int64, length))
-        number = reader.number(model)
+            return self._array(reader, scope, self._times(scope))
+        reader.spend(1)
+        number = reader.number(self._model(scope))
         if self._limit is not None and number > self._limit:
-            message = f"{self.name} is {number}, at most {self._limit} allowed"
-            raise LimitExceeded("count-limit", message, field=reader.field)
+            raise _above(self.name, number, self._limit, reader.field)
         return self._value(np.array([number])).item()
+
+    def _array(self, reader: Any, scope: Scope, length: int) -> Any:
+        reader.spend(length)
+        model = self._model(scope)
+        return self._value(np.fromiter((reader.number(model) for _ in range(length)), np.int64, length))
 
     def put(self, value: Any, scope: Scope) -> bytes:
         model, writer = self._model(scope), scope["writer"]
-        for number in self._number(np.atleast_1d(value)).tolist():
+        for number in self._number(np.atleast_1d(value).ravel()).tolist():
             writer.number(model, number)
         return b""
 
+    def shown(self, value: Any) -> Any:
+        return self._shown(value)
+
     def _model(self, scope: Scope) -> tuple[str | None, Any]:
         return self.name, self._by(scope) if callable(self._by) else None
+
+
+class ShiftedNumbers(Number):
+    """(times,) int64 signed adaptive numbers that may share zero bits at their end (SPEC §8.5)."""
+
+    def __init__(self, times: str) -> None:
+        super().__init__("signed", times)
+        self.spelled = f"{times} times shifted"
+
+    def _array(self, reader: Any, scope: Scope, length: int) -> Any:
+        reader.spend(1)
+        shift = reader.number(self._shift)
+        if shift > _MOST_SHIFT:
+            raise _above(f"the shift of {self.name}", shift, _MOST_SHIFT, reader.field)
+        values = super()._array(reader, scope, length) << shift
+        if length and int(np.abs(values).max()) >> _MOST_SHIFT:
+            raise Malformed("bad-number", f"{self.name}: a shifted number of more than 32 bits", field=reader.field)
+        return values
+
+    def put(self, value: Any, scope: Scope) -> bytes:
+        values = np.asarray(value, np.int64).ravel()
+        shared = int(np.bitwise_or.reduce(values, initial=0))
+        shift = min((shared & -shared).bit_length() - 1, _MOST_SHIFT) if shared else 0
+        scope["writer"].number(self._shift, shift)
+        return super().put(values >> shift, scope)
+
+    @property
+    def _shift(self) -> tuple[str, str | None]:
+        return "shift of", self.name
+
+
+_MOST_SHIFT = 31
+
+
+def _above(name: str | None, number: int, limit: int, field: str) -> LimitExceeded:
+    return LimitExceeded("count-limit", f"{name} is {number}, at most {limit} allowed", field=field)
 
 
 def blob(number: str | int) -> Field:
@@ -321,7 +345,7 @@ class Record(Element):
         self.fill(reader, values)
         return values
 
-    def opened(self, payload: bytes, field: str, trace: Trace | None) -> Any:
+    def opened(self, payload: bytes, field: str, trace: Trace | None, spend: Spend) -> Any:
         """A reader of a payload that is this record."""
         return ByteReader(payload, field, trace)
 
@@ -357,8 +381,8 @@ class Record(Element):
 class NumberRecord(Record):
     """A payload of adaptive numbers alone (SPEC §8.5). Positions that a trace hears count numbers."""
 
-    def opened(self, payload: bytes, field: str, trace: Trace | None) -> Any:
-        return NumberReader(payload, field, trace)
+    def opened(self, payload: bytes, field: str, trace: Trace | None, spend: Spend) -> Any:
+        return NumberReader(payload, field, trace, spend)
 
     def built(self, value: Mapping[str, Any], scope: Scope) -> bytes:
         scope["writer"] = writer = NumberWriter()
@@ -429,7 +453,14 @@ class Use(Element):
         return self.record.put(value, scope)
 
 
-def read(record: Record, payload: bytes, field: str, trace: Trace | None = None, **parameters: Any) -> Scope:
+def read(
+    record: Record,
+    payload: bytes,
+    field: str,
+    trace: Trace | None = None,
+    spend: Spend = lambda count: True,
+    **parameters: Any,
+) -> Scope:
     """The fields of a payload, which must be exactly `record`.
 
     Args:
@@ -437,14 +468,15 @@ def read(record: Record, payload: bytes, field: str, trace: Trace | None = None,
         payload: its bytes.
         field: what errors call it.
         trace: hears where every field lies.
+        spend: takes adaptive numbers from what is allowed.
         parameters: what the declaration needs to know beforehand.
 
     Raises:
-        Malformed: ``payload-short``, ``payload-long``, ``bad-varint``, ``bad-rice``, or what a rule refuses; of numbers
+        Malformed: ``payload-short``, ``payload-long``, ``bad-varint``, or what a rule refuses; of numbers
             ``rans-length``, ``rans-last-word``, ``bad-number``, ``rans-seal``.
-        LimitExceeded: ``count-limit``.
+        LimitExceeded: ``count-limit``, ``limit-expansion``.
     """
-    reader = record.opened(payload, field, trace)
+    reader = record.opened(payload, field, trace, spend)
     around = Scope({})
     around.update(parameters)
     values = record.take(reader, around)

@@ -13,22 +13,23 @@ import numpy as np
 
 from scarfmt.arrays import I32, Ints
 from scarfmt.blocks.declare import (
-    U8,
     Check,
     Derived,
+    Number,
+    NumberRecord,
     Record,
     Repeat,
     Rule,
     Scope,
+    ShiftedNumbers,
     Use,
     When,
-    bits,
     build,
-    count,
     read,
 )
 from scarfmt.blocks.spec import BlockSpec
 from scarfmt.container.registries import BlockKind
+from scarfmt.entropy.numbers import Spend
 from scarfmt.errors import Malformed
 from scarfmt.neural.arithmetic import MAX_WEIGHT, Linear
 from scarfmt.neural.network import (
@@ -50,7 +51,7 @@ from scarfmt.scene.model import MAX_CODEWORDS, first_neural_layer
 _OWN, _ATTENTION = 1, 2
 
 MATRIX = Record(
-    "numbers" / bits("rows * columns") * "row by row",
+    "numbers" / Number("signed", times="rows * columns") * "row by row",
     # Here, as int32 would wrap a weight that the network's own check must see.
     Rule(
         Check("R-10.5-1", "they are -32767..32767", "bad-network"),
@@ -61,9 +62,9 @@ MATRIX = Record(
 """Parameters: `rows` and `columns`."""
 
 LINEAR = Record(
-    "shift" / U8,
+    "shift" / Number(limit=255),
     "weights" / Use("matrix", MATRIX, rows="rows", columns="columns"),
-    "biases" / bits("rows", shifted=True),
+    "biases" / ShiftedNumbers("rows"),
 )
 """Parameters: `rows` and `columns`."""
 
@@ -74,48 +75,48 @@ def _linear(rows: Any, columns: Any) -> Use:
 
 # The first layer is fed a codeword, each of the others the state of the one before.
 _GRU = Record(
-    "shift" / U8,
+    "shift" / Number(limit=255),
     When(
         "index == 0",
         "Wi" / Repeat("head_count", Use("matrix", MATRIX, rows="3 * hidden", columns="codeword_dims + 1")),
     ),
     When("index > 0", "Wi" / Repeat(1, Use("matrix", MATRIX, rows="3 * hidden", columns="hidden"))),
     "Wh" / Use("matrix", MATRIX, rows="3 * hidden", columns="hidden"),
-    When("index == 0", "bi" / bits("(tokens * 3) * hidden", shifted=True)),
-    When("index > 0", "bi" / bits("3 * hidden", shifted=True)),
-    "bh" / bits("3 * hidden", shifted=True),
-    "start" / bits("hidden", shifted=True),
+    When("index == 0", "bi" / ShiftedNumbers("(tokens * 3) * hidden")),
+    When("index > 0", "bi" / ShiftedNumbers("3 * hidden")),
+    "bh" / ShiftedNumbers("3 * hidden"),
+    "start" / ShiftedNumbers("hidden"),
 )
 
 _HEAD = Record(
-    "size" / count(MAX_CODEWORDS),
-    "cluster_count" / count(MAX_CLUSTERS) * "0: flat; else two-level",
-    "clusters" / Repeat("cluster_count", count(MAX_CODEWORDS)),
+    "size" / Number(limit=MAX_CODEWORDS),
+    "cluster_count" / Number(limit=MAX_CLUSTERS) * "0: flat; else two-level",
+    "clusters" / Repeat("cluster_count", Number(limit=MAX_CODEWORDS)),
     "project1" / _linear("codeword_dims + 1", "mixed"),
     When("cluster_count > 0", "project2" / _linear("codeword_dims + 1", "mixed")),
-    "shift" / U8,
-    "member_shift" / U8,
-    "cluster_biases" / bits("cluster_count", shifted=True),
-    "biases" / bits("size", shifted=True),
+    "shift" / Number(limit=255),
+    "member_shift" / Number(limit=255),
+    "cluster_biases" / ShiftedNumbers("cluster_count"),
+    "biases" / ShiftedNumbers("size"),
 )
 
-ENTROPY_NETWORK = Record(
-    "activation_bits" / U8 * "amax = 2^(activation_bits - 1) - 1",
-    "flags" / U8 * "bit 0: own; bit 1: attention",
-    "latent_shift" / U8,
-    "codeword_shift" / U8,
-    "classes" / count(MAX_INPUTS) * "class columns",
-    "attributes" / count(MAX_INPUTS) * "components of the attribute channels (10.2)",
-    "depths" / count(MAX_INPUTS) * "how many occupancy targets there are",
-    "latents" / count(MAX_INPUTS) * "latent dimensions that are looked at",
-    "grid" / count(MAX_INPUTS) * "features of the hash grid",
-    "codeword_dims" / count(MAX_CODEWORD_DIMS) * "dimensions of a codeword that are looked at",
-    "embed_width" / count(MAX_WIDTH),
-    "hidden" / count(MAX_WIDTH),
-    "mixed" / count(MAX_WIDTH),
-    "gru_count" / count(MAX_GRU_LAYERS) * "recurrent network layers",
-    "tokens" / count(MAX_TOKENS) * "stages that a recurrent layer has biases for",
-    "head_count" / count(MAX_HEADS),
+ENTROPY_NETWORK = NumberRecord(
+    "activation_bits" / Number(limit=255) * "amax = 2^(activation_bits - 1) - 1",
+    "flags" / Number(limit=255) * "bit 0: own; bit 1: attention",
+    "latent_shift" / Number(limit=255),
+    "codeword_shift" / Number(limit=255),
+    "classes" / Number(limit=MAX_INPUTS) * "class columns",
+    "attributes" / Number(limit=MAX_INPUTS) * "components of the attribute channels (10.2)",
+    "depths" / Number(limit=MAX_INPUTS) * "how many occupancy targets there are",
+    "latents" / Number(limit=MAX_INPUTS) * "latent dimensions that are looked at",
+    "grid" / Number(limit=MAX_INPUTS) * "features of the hash grid",
+    "codeword_dims" / Number(limit=MAX_CODEWORD_DIMS) * "dimensions of a codeword that are looked at",
+    "embed_width" / Number(limit=MAX_WIDTH),
+    "hidden" / Number(limit=MAX_WIDTH),
+    "mixed" / Number(limit=MAX_WIDTH),
+    "gru_count" / Number(limit=MAX_GRU_LAYERS) * "recurrent network layers",
+    "tokens" / Number(limit=MAX_TOKENS) * "stages that a recurrent layer has biases for",
+    "head_count" / Number(limit=MAX_HEADS),
     Rule(
         Check("R-10.5-1", "all other flags are 0", "bad-network"),
         lambda at: not at["flags"] & ~(_OWN | _ATTENTION),
@@ -139,7 +140,7 @@ ENTROPY_NETWORK = Record(
         "query" / _linear("hidden", "hidden"),
         "key" / _linear("hidden", "hidden"),
         "value" / _linear("hidden", "hidden"),
-        "score_shift" / U8,
+        "score_shift" / Number(limit=255),
     ),
     "mixer" / _linear("mixed", "2 * hidden"),
     "heads" / Repeat("head_count", _HEAD),
@@ -210,15 +211,15 @@ def _head_fields(head: Head) -> dict[str, Any]:
     }
 
 
-def unpack_network(payload: bytes) -> IndexNetwork:
+def unpack_network(payload: bytes, spend: Spend = lambda count: True) -> IndexNetwork:
     """The index network; what depends on the codebooks is left to :meth:`IndexNetwork.check`.
 
     Raises:
-        Malformed: ``bad-network`` for a network that breaks SPEC §10.5; ``bad-rice``, ``payload-short``,
-            ``payload-long``, ``bad-varint``.
-        LimitExceeded: ``count-limit``.
+        Malformed: ``bad-network`` for a network that breaks SPEC §10.5; ``bad-number``, ``rans-length``,
+            ``rans-last-word``, ``rans-seal``.
+        LimitExceeded: ``count-limit``, ``limit-expansion``.
     """
-    at = read(ENTROPY_NETWORK, payload, "network")
+    at = read(ENTROPY_NETWORK, payload, "network", spend=spend)
     network = IndexNetwork(
         activation_bits=at["activation_bits"],
         inputs=_inputs(at),
@@ -269,7 +270,7 @@ SPEC = BlockSpec(
     kind=BlockKind.ENTROPY_NETWORK,
     section="10.5",
     declaration=ENTROPY_NETWORK,
-    parse=lambda payload, reading: unpack_network(payload),
+    parse=lambda payload, reading: unpack_network(payload, reading.spend),
     pack=pack_network,
     taken=lambda writing: writing.parts.network,
     count=lambda network: 1,

@@ -14,16 +14,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scarfmt.arrays import F32, F64, I16
-from scarfmt.blocks.declare import Check, Derived, Number, NumberRecord, Record, Repeat, Rule, Scope, build, read
+from scarfmt.blocks.declare import Check, Number, NumberRecord, Record, Repeat, Rule, Scope, build, read
 from scarfmt.blocks.spec import BlockSpec
 from scarfmt.container.registries import BlockKind, Profile
-from scarfmt.errors import LimitExceeded, Malformed
+from scarfmt.entropy.numbers import Spend
+from scarfmt.errors import Malformed
 from scarfmt.scene.model import first_layers
 
 MAX_NETWORKS = 8
 MAX_LAYERS = 4
 MAX_WIDTH = 1024
-MAX_WEIGHTS = 1 << 20
 _LEAST, _MOST = -(1 << 15), (1 << 15) - 1
 
 
@@ -39,11 +39,6 @@ _LAYER = Record(
         Check("R-7.9-1", "columns is at least 1, and equals rows of the layer before", "bad-mlp"),
         lambda at: _fits(at),
         lambda at: _bad(f"a layer of {at['columns']} inputs does not fit"),
-    ),
-    Rule(
-        Check("R-7.9-1", "the weights of the block so far are at most 2^20", "content-limit"),
-        lambda at: _weights_with(at) <= MAX_WEIGHTS,
-        lambda at: LimitExceeded("content-limit", f"more than {MAX_WEIGHTS} weights (SPEC §7.9)", field="mlp"),
     ),
     "weights" / Number("signed", times="rows * columns") * "row by row",
     Rule(
@@ -76,17 +71,10 @@ _NETWORK = Record(
 )
 
 NETWORKS = NumberRecord(
-    "sizes" / Derived(lambda at: []),
     "network_count" / Number(limit=MAX_NETWORKS),
     "networks" / Repeat("network_count", _NETWORK),
 )
 """The numbers of a DECODER_MLP or SCENE_MLP block."""
-
-
-def _weights_with(at: Scope) -> int:
-    """Weights of the layers of the block that are read, and of this one, which is noted."""
-    at["sizes"].append(at["rows"] * at["columns"])
-    return sum(at["sizes"])
 
 
 def _fits(at: Scope) -> bool:
@@ -162,7 +150,7 @@ def pack_networks(networks: tuple[QuantisedMlp, ...]) -> bytes:
         {"layer_count": len(network.layers), "layers": [_layer_fields(layer) for layer in network.layers]}
         for network in networks
     ]
-    return build(NETWORKS, {"sizes": [], "network_count": len(networks), "networks": fields})
+    return build(NETWORKS, {"network_count": len(networks), "networks": fields})
 
 
 def _layer_fields(layer: Linear) -> dict[str, Any]:
@@ -171,15 +159,15 @@ def _layer_fields(layer: Linear) -> dict[str, Any]:
     return {"rows": rows, "columns": columns, "weights": weights, "scales": layer.scales, "biases": layer.biases}
 
 
-def unpack_networks(payload: bytes) -> tuple[QuantisedMlp, ...]:
+def unpack_networks(payload: bytes, spend: Spend = lambda count: True) -> tuple[QuantisedMlp, ...]:
     """The networks of a DECODER_MLP or SCENE_MLP block.
 
     Raises:
         Malformed: ``bad-mlp`` for networks that break SPEC §7.9; ``bad-number``, ``rans-length``, ``rans-last-word``,
             ``rans-seal``.
-        LimitExceeded: ``content-limit``, ``count-limit``.
+        LimitExceeded: ``count-limit``, ``limit-expansion``.
     """
-    networks = read(NETWORKS, payload, "mlp")["networks"]
+    networks = read(NETWORKS, payload, "mlp", spend=spend)["networks"]
     return tuple(QuantisedMlp(tuple(_linear(layer) for layer in network["layers"])) for network in networks)
 
 
@@ -192,7 +180,7 @@ DECODER_SPEC = BlockSpec(
     kind=BlockKind.DECODER_MLP,
     section="7.9",
     declaration=NETWORKS,
-    parse=lambda payload, reading: unpack_networks(payload),
+    parse=lambda payload, reading: unpack_networks(payload, reading.spend),
     pack=pack_networks,
     taken=lambda writing: None if writing.parts.decoder is None else (writing.parts.decoder,),
     count=len,
@@ -207,7 +195,7 @@ SCENE_SPEC = BlockSpec(
     kind=BlockKind.SCENE_MLP,
     section="7.9",
     declaration=NETWORKS,
-    parse=lambda payload, reading: unpack_networks(payload),
+    parse=lambda payload, reading: unpack_networks(payload, reading.spend),
     pack=pack_networks,
     taken=lambda writing: writing.parts.scene_mlps or None,
     count=len,

@@ -8,23 +8,24 @@ from typing import Any
 import numpy as np
 
 from scarfmt.blocks.declare import (
-    STREAM,
-    U8,
     Check,
     Derived,
+    Number,
+    NumberRecord,
     Record,
     Repeat,
     Rule,
     Scope,
+    ShiftedNumbers,
     Use,
     When,
-    bits,
     build,
-    count,
     read,
+    stream_name,
 )
 from scarfmt.blocks.spec import BlockSpec
 from scarfmt.container.registries import BlockKind, Stream
+from scarfmt.entropy.numbers import Spend
 from scarfmt.neural.arithmetic import MAX_WEIGHT, Linear
 from scarfmt.neural.predictors import MAX_HIDDEN, MAX_INPUTS, Predictor, bad_predictor
 from scarfmt.scene.model import MAX_CLASSES
@@ -34,29 +35,29 @@ MAX_PREDICTORS = 1024
 """Eleven components of attribute channels and 64 of LATENT, thirteen steps each, are 975."""
 
 LAYER_OF_PREDICTOR = Record(
-    "shift" / U8,
-    "weights" / bits(f"rows * ((columns + classes) - {MAX_CLASSES})") * "row by row",
+    "shift" / Number(limit=255),
+    "weights" / Number("signed", times=f"rows * ((columns + classes) - {MAX_CLASSES})") * "row by row",
     # Here, as int32 would wrap a weight that the layer's own check must see.
     Rule(
         Check("R-10.3-2", "they are -32767..32767", "bad-predictor"),
         lambda at: int(np.abs(at["weights"]).max(initial=0)) <= MAX_WEIGHT,
         lambda at: bad_predictor(f"a weight above {MAX_WEIGHT}"),
     ),
-    "biases" / bits("rows", shifted=True),
+    "biases" / ShiftedNumbers("rows"),
 )
 """Parameters: `rows` and `columns`."""
 
 _SOUND = Check("R-10.3-2", "the layers, step, B1 * B2", "bad-predictor")
 
 _PREDICTOR = Record(
-    "stream" / STREAM,
-    "component" / U8,
-    "step" / U8,
-    "b1" / U8 * "B1 - 1",
-    "b2" / U8 * "B2 - 1",
-    "classes" / U8 * "class columns with weights, 0..15",
-    "inputs" / U8 * "N, 16..255",
-    "units" / U8 * "hidden units, 0..64",
+    "stream" / Number(limit=255, shown=stream_name),
+    "component" / Number(limit=255),
+    "step" / Number(limit=255),
+    "b1" / Number(limit=255) * "B1 - 1",
+    "b2" / Number(limit=255) * "B2 - 1",
+    "classes" / Number(limit=255) * "class columns with weights, 0..15",
+    "inputs" / Number(limit=255) * "N, 16..255",
+    "units" / Number(limit=255) * "hidden units, 0..64",
     Rule(
         Check("R-10.3-1", "stream, classes, inputs, units", "bad-predictor"),
         lambda at: _sound_head(at),
@@ -67,8 +68,8 @@ _PREDICTOR = Record(
     "predictor" / Derived(lambda at: _checked(at), checks=(_SOUND,)),
 )
 
-PREDICTORS = Record(
-    "predictor_count" / count(MAX_PREDICTORS),
+PREDICTORS = NumberRecord(
+    "predictor_count" / Number(limit=MAX_PREDICTORS),
     Rule(
         Check("R-10.3-1", "predictor_count is at least 1", "bad-predictor"),
         lambda at: at["predictor_count"] > 0,
@@ -124,14 +125,15 @@ def _layer_fields(layer: Linear, classes: int) -> dict[str, Any]:
     return {"shift": layer.shift, "weights": kept.ravel(), "biases": layer.biases}
 
 
-def unpack_predictors(payload: bytes) -> tuple[Predictor, ...]:
+def unpack_predictors(payload: bytes, spend: Spend = lambda count: True) -> tuple[Predictor, ...]:
     """The predictors of a PREDICTORS block.
 
     Raises:
-        Malformed: ``bad-predictor`` for none, or one that breaks SPEC §10.3 by itself; ``bad-rice``.
-        LimitExceeded: ``count-limit``.
+        Malformed: ``bad-predictor`` for none, or one that breaks SPEC §10.3 by itself; ``bad-number``, ``rans-length``,
+            ``rans-last-word``, ``rans-seal``.
+        LimitExceeded: ``count-limit``, ``limit-expansion``.
     """
-    fields = read(PREDICTORS, payload, "predictors")
+    fields = read(PREDICTORS, payload, "predictors", spend=spend)
     return tuple(record["predictor"] for record in fields["predictors"])
 
 
@@ -139,7 +141,7 @@ SPEC = BlockSpec(
     kind=BlockKind.PREDICTORS,
     section="10.3",
     declaration=PREDICTORS,
-    parse=lambda payload, reading: unpack_predictors(payload),
+    parse=lambda payload, reading: unpack_predictors(payload, reading.spend),
     pack=pack_predictors,
     taken=lambda writing: writing.parts.predictors.get(writing.layer) or None,
     count=len,

@@ -12,11 +12,9 @@ from typing import Any
 from scarfmt.blocks.declare import Record
 from scarfmt.container.registries import BlockKind
 from scarfmt.entropy.keys import TableKey
+from scarfmt.entropy.numbers import Spend
 from scarfmt.entropy.symbol_tables import SymbolTable
 from scarfmt.scene.model import Opening, SceneModel
-
-Spend = Callable[[int], bool]
-"""Whether the tables of a file may have so many symbols more (SPEC §13.2)."""
 
 
 @dataclass(frozen=True)
@@ -26,7 +24,7 @@ class Reading:
     Attributes:
         layer: of the block, 1-based.
         opening: what the LAYER block of layer 1 says.
-        spend: takes symbols of tables from what is allowed.
+        spend: takes adaptive numbers from what is allowed.
     """
 
     layer: int

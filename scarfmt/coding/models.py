@@ -11,13 +11,14 @@ from numpy.typing import NDArray
 
 from scarfmt.blocks.mlp import QuantisedMlp
 from scarfmt.blocks.registry import BLOCKS, MODEL_BLOCKS
-from scarfmt.blocks.spec import Reading, Spend
+from scarfmt.blocks.spec import Reading
 from scarfmt.coding.checks_of_models import check_index_network, check_networks
 from scarfmt.coding.tile import NeuralModels
 from scarfmt.container.directory import Entry, block_name
 from scarfmt.container.header import HeaderFields
 from scarfmt.container.registries import BlockKind, Stream
 from scarfmt.entropy.keys import TableKey
+from scarfmt.entropy.numbers import Spend
 from scarfmt.entropy.symbol_tables import SymbolTable
 from scarfmt.errors import Malformed, ScarError
 from scarfmt.neural.evaluator import Evaluator
@@ -49,7 +50,7 @@ class ModelBlocks:
 
     Args:
         payloads: of each block.
-        spend: takes symbols of tables from what is allowed.
+        spend: takes adaptive numbers from what is allowed.
     """
 
     def __init__(self, payloads: Mapping[Entry, bytes], spend: Spend) -> None:

@@ -16,7 +16,7 @@ from scarfmt.arrays import I64
 from scarfmt.blocks.registry import MODEL_BLOCKS
 from scarfmt.coding.models import ModelBlocks, SceneModels, load_models, placed
 from scarfmt.coding.tile import NeuralModels, TileContent, coded_streams, get_layer, needed_streams
-from scarfmt.coding.work import MOST_SPLITS, TableSymbols, check_work, declared_work
+from scarfmt.coding.work import MOST_SPLITS, NumberBudget, check_work, declared_work
 from scarfmt.container.directory import tile_frame
 from scarfmt.container.file import COALESCE_BYTES, Container, Entry, check_crc
 from scarfmt.container.schema import Stream
@@ -95,8 +95,8 @@ class SceneReader:
     def models_of(self, layers: int, payloads: dict[Entry, bytes], tiles: Sequence[int]) -> SceneModels:
         """The models in the `payloads` of the first `layers` layers, to decode some tiles with; refuses as
         :meth:`models`."""
-        symbols = TableSymbols(self.header.file_length, self.container.limits)
-        models = load_models(self.header.fields, layers, ModelBlocks(payloads, symbols.spend))
+        budget = NumberBudget(self.header.file_length, self.container.limits)
+        models = load_models(self.header.fields, layers, ModelBlocks(payloads, budget.spend))
         declared = declared_work(models, *self.extent(layers, np.array(tiles, np.int64)))
         check_work(declared, self.header.file_length, self.container.limits)
         return models

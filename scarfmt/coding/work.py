@@ -16,7 +16,7 @@ from scarfmt.container.schema import Profile, Stream
 from scarfmt.entropy.keys import TableKey
 from scarfmt.entropy.symbol_tables import SymbolTable
 from scarfmt.errors import LimitExceeded
-from scarfmt.limits import FREE_TABLE_SYMBOLS, FREE_WORK, Limits
+from scarfmt.limits import FREE_NUMBERS, FREE_WORK, Limits
 from scarfmt.neural.network import IndexNetwork
 from scarfmt.scene.model import LayerRow, SceneModel
 
@@ -159,19 +159,19 @@ def _of_result(models: SceneModels) -> int:
     return PRODUCT * products + NUMBER * numbers + OUTPUT * kept
 
 
-class TableSymbols:
-    """The symbols that the tables of a file may have together (SPEC §13.2).
+class NumberBudget:
+    """The adaptive numbers that the blocks of a file may have together (SPEC §13.2).
 
     Args:
         file_length: of the file.
         limits: what the reader accepts.
 
     Attributes:
-        left: symbols that the next tables may have.
+        left: numbers that the next blocks may have.
     """
 
     def __init__(self, file_length: int, limits: Limits) -> None:
-        self.left = FREE_TABLE_SYMBOLS + limits.table_symbols_per_byte * file_length
+        self.left = FREE_NUMBERS + limits.numbers_per_byte * file_length
 
     def spend(self, count: int) -> bool:
         """Take `count` of them; whether there were as many."""

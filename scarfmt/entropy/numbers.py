@@ -6,18 +6,21 @@ the bit after the leading one, follows the bits that were there before.
 
 from __future__ import annotations
 
-from collections.abc import Hashable
+from collections.abc import Callable, Hashable
 
 import numpy as np
 
 from scarfmt.container.bytefields import Trace
 from scarfmt.entropy.rans import PRECISION, RansEncoder, words_of
-from scarfmt.errors import Malformed
+from scarfmt.errors import LimitExceeded, Malformed
 
 MAX_LENGTH = 31
 """Bits after the leading one."""
 LARGEST = (1 << (MAX_LENGTH + 1)) - 2
 """The largest number."""
+
+Spend = Callable[[int], bool]
+"""Whether the blocks of a file may have so many numbers more (SPEC §13.2)."""
 
 _EVEN, _ONE = 1 << 15, 1 << 16
 _UNIT = PRECISION - 16
@@ -54,6 +57,7 @@ class NumberReader:
         data: the block.
         field: what errors call it.
         trace: hears which numbers are which field.
+        allowed: takes numbers from what is allowed.
 
     Attributes:
         position: numbers read so far.
@@ -62,12 +66,25 @@ class NumberReader:
         Malformed: ``rans-length``, ``rans-last-word``.
     """
 
-    def __init__(self, data: bytes, field: str, trace: Trace | None = None) -> None:
+    def __init__(
+        self, data: bytes, field: str, trace: Trace | None = None, allowed: Spend = lambda count: True
+    ) -> None:
         self._words: list[int] = words_of(data).tolist()
+        self._allowed = allowed
         self.field, self.trace, self.position = field, trace, 0
         self._models, self._state = _Models(), 0
         self._refill()
         self._refill()
+
+    def spend(self, count: int) -> None:
+        """Take `count` numbers, which are to be read, from what is allowed.
+
+        Raises:
+            LimitExceeded: ``limit-expansion``.
+        """
+        if not self._allowed(count):
+            message = "more numbers than this reader allows: raise its limit if you trust the file"
+            raise LimitExceeded("limit-expansion", message, field=self.field)
 
     def number(self, name: Hashable) -> int:
         """The next number, 0 to `LARGEST`, with the number model of a name.

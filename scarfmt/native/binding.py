@@ -9,7 +9,7 @@ from ctypes import POINTER, c_char_p, c_double, c_int32, c_int64, c_uint32, c_vo
 from functools import cache
 from pathlib import Path
 
-INTERFACE = 9
+INTERFACE = 10
 """The number of the interface in ``scar.h``."""
 FAILURE = Path(__file__).with_name("native.failed.txt")
 """Left by a build that failed (setup.py)."""

@@ -2,21 +2,14 @@
 
 #include "lanes.h"
 
-int32_t *read_weights(Reader *reader, Pool *pool, int64_t n, const char *id) {
-    int32_t *weights = pool_take(pool, 4 * n);
-    int fits = 1;
-    read_rice(reader, n, weights);
-    for (int64_t i = 0; i < n; i++) fits &= weights[i] >= -MOST_WEIGHT && weights[i] <= MOST_WEIGHT;
-    demand(fits, id);
-    return weights;
+int32_t *read_weights(LinearReader *reader, Pool *pool, int64_t n, const char *id) {
+    return read_array(&reader->numbers, &reader->weights, pool, n, 0, MOST_WEIGHT, id);
 }
 
-Linear read_linear(Reader *reader, Pool *pool, int64_t rows, int64_t columns, const char *id) {
-    const int64_t shift = read_u8(reader);
+Linear read_linear(LinearReader *reader, Pool *pool, int64_t rows, int64_t columns, const char *id) {
+    const int64_t shift = read_limited(&reader->numbers, &reader->shift, MOST_U8);
     const int32_t *weights = read_weights(reader, pool, rows * columns, id);
-    int32_t *biases = pool_take(pool, 4 * rows);
-    read_shifted(reader, rows, biases);
-    return (Linear){rows, columns, shift, weights, biases};
+    return (Linear){rows, columns, shift, weights, read_shifted(&reader->numbers, &reader->biases, pool, rows)};
 }
 
 int row_fits(const int32_t *weights, int64_t columns, int64_t bias, int64_t shift, int64_t amax, int64_t limit) {

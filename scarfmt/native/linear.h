@@ -3,8 +3,7 @@
 #ifndef SCAR_LINEAR_H
 #define SCAR_LINEAR_H
 
-#include "memory.h"
-#include "payload.h"
+#include "numbers.h"
 
 #define MOST_WEIGHT 32767
 #define MOST_SHIFT 24
@@ -21,10 +20,17 @@ static inline int64_t half_of_shift(int64_t shift) { return (int64_t)1 << shift 
 
 static inline int64_t largest_activation(int64_t bits) { return ((int64_t)1 << (bits - 1)) - 1; }
 
-/* n weights within their range. */
-int32_t *read_weights(Reader *reader, Pool *pool, int64_t n, const char *id);
+/* A block with layers, and the models of their fields. */
+typedef struct {
+    Numbers numbers;
+    NumberModel shift, weights;
+    ShiftedModel biases;
+} LinearReader;
 
-Linear read_linear(Reader *reader, Pool *pool, int64_t rows, int64_t columns, const char *id);
+/* n weights; those out of range are refused by `id`. */
+int32_t *read_weights(LinearReader *reader, Pool *pool, int64_t n, const char *id);
+
+Linear read_linear(LinearReader *reader, Pool *pool, int64_t rows, int64_t columns, const char *id);
 
 /* Whether the sum of |weights| * amax + |bias| + half of the shift stays below the limit in a row. */
 int row_fits(const int32_t *weights, int64_t columns, int64_t bias, int64_t shift, int64_t amax, int64_t limit);

@@ -15,6 +15,8 @@
 #define NETWORKS 3 /* of a scene: opacity, covariance, colour */
 #define BOOKS 2
 #define BLOCK_KINDS 9
+#define FREE_NUMBERS (1ll << 20)
+#define NUMBERS_PER_BYTE 2
 
 enum { EXPLICIT, ANCHOR };
 enum { LAYER_BLOCK = 1, TABLES_BLOCK, CODEBOOKS_BLOCK, DECODER_MLP, SCENE_MLP, HASH_GRID, ENTROPY_NETWORK, PREDICTORS };
@@ -85,7 +87,7 @@ typedef struct {
 typedef struct NetworkModel NetworkModel;
 
 typedef struct {
-    int64_t profile, sh_degree, slots, lattice_bits, file_length;
+    int64_t profile, sh_degree, slots, lattice_bits;
     double origin[3], voxel;
     Body blocks[MOST_FILE_LAYERS + 1][BLOCK_KINDS];
     int64_t layers;      /* whose models are read */
@@ -94,7 +96,7 @@ typedef struct {
     int64_t passes_log2, depths, targets[MOST_DEPTHS];
     int64_t attributes;  /* components of all attribute channels */
     int64_t most_stages; /* that a class has in the layers read */
-    int64_t table_symbols; /* of all TABLES blocks */
+    int64_t numbers_left; /* adaptive numbers that further blocks may have (SPEC 13.2) */
     Row rows[MOST_FILE_LAYERS + 1]; /* the first: before layer 1 */
     TablesInForce tables[MOST_FILE_LAYERS + 1];
     PredictorsInForce predictors[MOST_FILE_LAYERS + 1];

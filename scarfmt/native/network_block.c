@@ -9,74 +9,83 @@
 #define RECURRENT_LIMIT (1ll << 23)
 #define BAD "bad-network"
 
-static void read_recurrent(Reader *reader, Model *m, int64_t inputs, int64_t matrices, int64_t bias_rows,
+/* A block and the models of its fields. */
+typedef struct {
+    LinearReader layers;
+    NumberModel size, cluster_count, clusters, member_shift;
+    ShiftedModel bi, bh, start, cluster_biases;
+} NetworkReader;
+
+static void read_recurrent(NetworkReader *reader, Model *m, int64_t inputs, int64_t matrices, int64_t bias_rows,
                            RecurrentModel *out) {
     const int64_t hidden = m->network->hidden, rows = GATES * hidden;
-    int32_t *bi = pool_take(&m->pool, 4 * bias_rows * rows), *bh = pool_take(&m->pool, 4 * rows);
-    int32_t *start = pool_take(&m->pool, 4 * hidden);
-    out->shift = read_u8(reader), out->inputs = inputs;
-    for (int64_t i = 0; i < matrices; i++) out->wi[i] = read_weights(reader, &m->pool, rows * inputs, BAD);
-    out->wh = read_weights(reader, &m->pool, rows * hidden, BAD);
-    read_shifted(reader, bias_rows * rows, bi);
-    read_shifted(reader, rows, bh);
-    read_shifted(reader, hidden, start);
-    out->bi = bi, out->bh = bh, out->start = start;
+    LinearReader *layers = &reader->layers;
+    Numbers *numbers = &layers->numbers;
+    out->shift = read_limited(numbers, &layers->shift, MOST_U8), out->inputs = inputs;
+    for (int64_t i = 0; i < matrices; i++) out->wi[i] = read_weights(layers, &m->pool, rows * inputs, BAD);
+    out->wh = read_weights(layers, &m->pool, rows * hidden, BAD);
+    out->bi = read_shifted(numbers, &reader->bi, &m->pool, bias_rows * rows);
+    out->bh = read_shifted(numbers, &reader->bh, &m->pool, rows);
+    out->start = read_shifted(numbers, &reader->start, &m->pool, hidden);
 }
 
-static void read_head(Reader *reader, Model *m, HeadModel *out) {
+static void read_head(NetworkReader *reader, Model *m, HeadModel *out) {
     const int64_t rows = m->network->dims + 1, mixed = m->network->mixed;
-    out->size = read_count(reader, MOST_CODEWORDS);
-    out->clusters = read_count(reader, MOST_CLUSTERS);
-    for (int64_t i = 0; i < out->clusters; i++) out->cluster_sizes[i] = read_count(reader, MOST_CODEWORDS);
-    out->project1 = read_linear(reader, &m->pool, rows, mixed, BAD);
-    if (out->clusters) out->project2 = read_linear(reader, &m->pool, rows, mixed, BAD);
-    out->shift = read_u8(reader), out->member_shift = read_u8(reader);
-    int32_t *cluster_biases = pool_take(&m->pool, 4 * out->clusters), *biases = pool_take(&m->pool, 4 * out->size);
-    read_shifted(reader, out->clusters, cluster_biases);
-    read_shifted(reader, out->size, biases);
-    out->cluster_biases = cluster_biases, out->biases = biases;
+    LinearReader *layers = &reader->layers;
+    Numbers *numbers = &layers->numbers;
+    out->size = read_limited(numbers, &reader->size, MOST_CODEWORDS);
+    out->clusters = read_limited(numbers, &reader->cluster_count, MOST_CLUSTERS);
+    for (int64_t i = 0; i < out->clusters; i++)
+        out->cluster_sizes[i] = read_limited(numbers, &reader->clusters, MOST_CODEWORDS);
+    out->project1 = read_linear(layers, &m->pool, rows, mixed, BAD);
+    if (out->clusters) out->project2 = read_linear(layers, &m->pool, rows, mixed, BAD);
+    out->shift = read_limited(numbers, &layers->shift, MOST_U8);
+    out->member_shift = read_limited(numbers, &reader->member_shift, MOST_U8);
+    out->cluster_biases = read_shifted(numbers, &reader->cluster_biases, &m->pool, out->clusters);
+    out->biases = read_shifted(numbers, &layers->biases, &m->pool, out->size);
 }
 
 /* The numbers before the layers, with R-10.5-1. */
-static void read_shape(Reader *reader, NetworkModel *net) {
-    net->activation_bits = read_u8(reader);
-    const int64_t flags = read_u8(reader);
+static void read_shape(Numbers *numbers, NetworkModel *net) {
+    net->activation_bits = read_once(numbers, MOST_U8);
+    const int64_t flags = read_once(numbers, MOST_U8);
     net->own = flags & 1, net->attention = flags >> 1 & 1;
-    net->latent_shift = read_u8(reader), net->codeword_shift = read_u8(reader);
-    net->classes = read_count(reader, MOST_COUNT), net->attributes = read_count(reader, MOST_COUNT);
-    net->depths = read_count(reader, MOST_COUNT), net->latents = read_count(reader, MOST_COUNT);
-    net->grid = read_count(reader, MOST_COUNT);
-    net->dims = read_count(reader, MOST_DIMS);
-    net->embed_width = read_count(reader, MOST_WIDTH), net->hidden = read_count(reader, MOST_WIDTH);
-    net->mixed = read_count(reader, MOST_WIDTH);
-    net->layers = read_count(reader, MOST_LAYERS), net->tokens = read_count(reader, MOST_TOKENS);
-    net->heads = read_count(reader, MOST_HEADS);
+    net->latent_shift = read_once(numbers, MOST_U8), net->codeword_shift = read_once(numbers, MOST_U8);
+    net->classes = read_once(numbers, MOST_COUNT), net->attributes = read_once(numbers, MOST_COUNT);
+    net->depths = read_once(numbers, MOST_COUNT), net->latents = read_once(numbers, MOST_COUNT);
+    net->grid = read_once(numbers, MOST_COUNT);
+    net->dims = read_once(numbers, MOST_DIMS);
+    net->embed_width = read_once(numbers, MOST_WIDTH), net->hidden = read_once(numbers, MOST_WIDTH);
+    net->mixed = read_once(numbers, MOST_WIDTH);
+    net->layers = read_once(numbers, MOST_LAYERS), net->tokens = read_once(numbers, MOST_TOKENS);
+    net->heads = read_once(numbers, MOST_HEADS);
     net->inputs = net->classes + (net->own ? net->attributes : 0) +
                   net->depths * (net->attributes + net->latents + 1) + net->grid;
     demand(flags <= 3 && net->inputs <= MOST_COUNT, BAD);
 }
 
 void read_network(Model *m, Body block) {
-    Reader reader = {block.bytes, block.length, 0};
+    NetworkReader reader = {.layers.numbers = open_numbers(m, block)};
+    LinearReader *layers = &reader.layers;
     NetworkModel *net = m->network = pool_zeros(&m->pool, sizeof *net);
-    read_shape(&reader, net);
+    read_shape(&layers->numbers, net);
     const int64_t hidden = net->hidden;
-    net->embed1 = read_linear(&reader, &m->pool, net->embed_width, net->inputs, BAD);
-    net->embed2 = read_linear(&reader, &m->pool, hidden, net->embed_width, BAD);
+    net->embed1 = read_linear(layers, &m->pool, net->embed_width, net->inputs, BAD);
+    net->embed2 = read_linear(layers, &m->pool, hidden, net->embed_width, BAD);
     for (int64_t j = 0; j < net->layers; j++)
         if (j)
             read_recurrent(&reader, m, hidden, 1, 1, net->gru + j);
         else
             read_recurrent(&reader, m, net->dims + 1, net->heads, net->tokens, net->gru);
     if (net->attention) {
-        net->query = read_linear(&reader, &m->pool, hidden, hidden, BAD);
-        net->key = read_linear(&reader, &m->pool, hidden, hidden, BAD);
-        net->value = read_linear(&reader, &m->pool, hidden, hidden, BAD);
-        net->score_shift = read_u8(&reader);
+        net->query = read_linear(layers, &m->pool, hidden, hidden, BAD);
+        net->key = read_linear(layers, &m->pool, hidden, hidden, BAD);
+        net->value = read_linear(layers, &m->pool, hidden, hidden, BAD);
+        net->score_shift = read_once(&layers->numbers, MOST_U8);
     }
-    net->mixer = read_linear(&reader, &m->pool, net->mixed, 2 * hidden, BAD);
+    net->mixer = read_linear(layers, &m->pool, net->mixed, 2 * hidden, BAD);
     for (int64_t b = 0; b < net->heads; b++) read_head(&reader, m, net->head + b);
-    read_end(&reader);
+    seal_numbers(&layers->numbers);
 }
 
 /* R-10.5-3 of a recurrent layer, and its start. */

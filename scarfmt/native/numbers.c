@@ -1,10 +1,21 @@
 #include "numbers.h"
 
-#include "fault.h"
 #include "rans.h"
+#include "tile.h"
 
 #define ONE 65536 /* the unit of probabilities */
 #define MOST_SEEN 30
+#define MOST_NUMBER_SHIFT 31
+#define MOST_SHIFTED 2147483647
+
+Numbers open_numbers(Model *m, Body block) { return (Numbers){open_stream(block), &m->numbers_left}; }
+
+void seal_numbers(const Numbers *numbers) { seal_stream(&numbers->rans); }
+
+void spend(Numbers *numbers, int64_t n) {
+    *numbers->left -= n;
+    demand(*numbers->left >= 0, "limit-expansion");
+}
 
 static uint32_t read_bit(Rans *rans, BitModel *model) {
     const int32_t zero = ONE / 2 + model->lean, part = model->seen + 2;
@@ -22,7 +33,8 @@ static uint32_t read_even_bit(Rans *rans) {
     return bit;
 }
 
-uint32_t read_number(Rans *rans, NumberModel *model) {
+uint32_t next_number(Numbers *numbers, NumberModel *model) {
+    Rans *rans = &numbers->rans;
     int length = 0;
     while (read_bit(rans, model->prefix + length)) demand(++length < MOST_NUMBER_BITS, "bad-number");
     uint32_t value = length ? 2 + read_bit(rans, model->second + length) : 1;
@@ -30,20 +42,42 @@ uint32_t read_number(Rans *rans, NumberModel *model) {
     return value - 1;
 }
 
-int64_t read_signed(Rans *rans, NumberModel *model) {
-    const int64_t number = read_number(rans, model);
+int64_t next_signed(Numbers *numbers, NumberModel *model) {
+    const int64_t number = next_number(numbers, model);
     return number & 1 ? -(number >> 1) - 1 : number >> 1;
 }
 
-float read_f32(Rans *rans, NumberModel *model) {
-    const uint32_t bits = read_number(rans, model);
+float next_f32(Numbers *numbers, NumberModel *model) {
+    const uint32_t bits = next_number(numbers, model);
     float out;
     memcpy(&out, &bits, 4);
     return out;
 }
 
-int64_t read_limited(Rans *rans, NumberModel *model, int64_t most) {
-    const int64_t number = read_number(rans, model);
+int64_t read_limited(Numbers *numbers, NumberModel *model, int64_t most) {
+    spend(numbers, 1);
+    const int64_t number = next_number(numbers, model);
     demand(number <= most, "count-limit");
     return number;
+}
+
+int64_t read_once(Numbers *numbers, int64_t most) { return read_limited(numbers, &(NumberModel){0}, most); }
+
+int32_t *read_array(Numbers *numbers, NumberModel *model, Pool *pool, int64_t n, int64_t shift, int64_t most,
+                    const char *id) {
+    spend(numbers, n);
+    int32_t *out = pool_take(pool, 4 * n);
+    int fits = 1;
+    for (int64_t i = 0; i < n; i++) {
+        const int64_t value = next_signed(numbers, model) * ((int64_t)1 << shift);
+        fits &= value >= -most && value <= most;
+        out[i] = (int32_t)value;
+    }
+    demand(fits, id);
+    return out;
+}
+
+int32_t *read_shifted(Numbers *numbers, ShiftedModel *model, Pool *pool, int64_t n) {
+    const int64_t shift = read_limited(numbers, &model->shift, MOST_NUMBER_SHIFT);
+    return read_array(numbers, &model->values, pool, n, shift, MOST_SHIFTED, "bad-number");
 }

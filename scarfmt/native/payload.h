@@ -1,4 +1,4 @@
-/* Reading the fields of a payload in order (SPEC 5.7, 5.9). */
+/* Reading the fields of a payload in order (SPEC 5.7). */
 
 #ifndef SCAR_PAYLOAD_H
 #define SCAR_PAYLOAD_H
@@ -22,10 +22,6 @@ uint64_t read_varint(Reader *reader, int64_t bits);
 
 /* Refuses count-limit too. */
 int64_t read_count(Reader *reader, int64_t most);
-
-/* n numbers in a Rice code; `out` has room for them. Refuses payload-short, bad-rice. */
-void read_rice(Reader *reader, int64_t n, int32_t *out);
-void read_shifted(Reader *reader, int64_t n, int32_t *out);
 
 /* That the payload is used up: refuses payload-long. */
 void read_end(const Reader *reader);

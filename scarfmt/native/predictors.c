@@ -8,6 +8,7 @@
 #define MOST_PREDICTOR_UNITS 64
 #define CLASS_COLUMNS 15
 #define CLASS_INPUT 64
+#define HEAD_FIELDS 8
 #define BAD "bad-predictor"
 
 /* What a record says before its layers. */
@@ -15,26 +16,31 @@ typedef struct {
     int64_t stream, component, step, b1, b2, classes, inputs, units;
 } PredictorHead;
 
-static PredictorHead read_head(Reader *reader) {
-    PredictorHead h;
-    h.stream = read_u8(reader), h.component = read_u8(reader), h.step = read_u8(reader);
-    h.b1 = read_u8(reader) + 1, h.b2 = read_u8(reader) + 1;
-    h.classes = read_u8(reader), h.inputs = read_u8(reader), h.units = read_u8(reader);
+/* A block and the models of its fields: `fields` of those of a head, in order. */
+typedef struct {
+    LinearReader layers;
+    NumberModel fields[HEAD_FIELDS];
+} PredictorReader;
+
+static PredictorHead read_head(PredictorReader *reader) {
+    int64_t f[HEAD_FIELDS];
+    for (int i = 0; i < HEAD_FIELDS; i++) f[i] = read_limited(&reader->layers.numbers, reader->fields + i, MOST_U8);
+    const PredictorHead h = {f[0], f[1], f[2], f[3] + 1, f[4] + 1, f[5], f[6], f[7]};
     demand(is_attribute(h.stream) || h.stream == LATENT, BAD);
     demand(h.classes <= CLASS_COLUMNS && h.inputs > CLASS_COLUMNS && h.units <= MOST_PREDICTOR_UNITS, BAD);
     return h;
 }
 
 /* A layer with all its columns: those of classes without weights are zeros. */
-static Linear read_layer(Reader *reader, Pool *pool, int64_t rows, int64_t columns, int64_t classes) {
-    const int64_t shift = read_u8(reader), stored = columns + classes - CLASS_COLUMNS;
-    const int32_t *numbers = read_weights(reader, pool, rows * stored, BAD);
-    int32_t *biases = pool_take(pool, 4 * rows), *weights = pool_zeros(pool, 4 * rows * columns);
-    read_shifted(reader, rows, biases);
+static Linear read_layer(PredictorReader *reader, Pool *pool, int64_t rows, int64_t columns, int64_t classes) {
+    Linear layer = read_linear(&reader->layers, pool, rows, columns + classes - CLASS_COLUMNS, BAD);
+    const int32_t *from = layer.weights;
+    int32_t *weights = pool_zeros(pool, 4 * rows * columns);
     for (int64_t r = 0; r < rows; r++)
-        for (int64_t c = 0; c < stored; c++)
-            weights[r * columns + (c < classes ? c : c + CLASS_COLUMNS - classes)] = numbers[r * stored + c];
-    return (Linear){rows, columns, shift, weights, biases};
+        for (int64_t c = 0; c < layer.columns; c++)
+            weights[r * columns + (c < classes ? c : c + CLASS_COLUMNS - classes)] = *from++;
+    layer.columns = columns, layer.weights = weights;
+    return layer;
 }
 
 /* What the sums of a row start with, by class. */
@@ -120,8 +126,8 @@ void read_predictors(Model *m, int64_t k) {
         predictors_in_force(m, k, NULL, 0);
         return;
     }
-    Reader reader = {block.bytes, block.length, 0};
-    const int64_t count = read_count(&reader, MOST_PREDICTORS);
+    PredictorReader reader = {.layers.numbers = open_numbers(m, block)};
+    const int64_t count = read_once(&reader.layers.numbers, MOST_PREDICTORS);
     demand(count >= 1, BAD);
     PredictorHead *heads = pool_take(&layer_scratch, (int64_t)sizeof *heads * count);
     Linear *layers = pool_zeros(&layer_scratch, 2 * (int64_t)sizeof *layers * count);
@@ -134,7 +140,7 @@ void read_predictors(Model *m, int64_t k) {
         demand((!h->units || linear_fits(hidden, AMAX)) && linear_fits(output, AMAX), BAD);
         demand(h->step >= 1 && h->b1 * h->b2 <= 256, BAD);
     }
-    read_end(&reader);
+    seal_numbers(&reader.layers.numbers);
     PredictorModel *made = pool_take(&m->pool, (int64_t)sizeof *made * count);
     int64_t before = -1;
     for (int64_t i = 0; i < count; i++) {

@@ -69,7 +69,8 @@ Scar *scar_open(int32_t profile, int32_t sh_degree, int32_t slots, int32_t latti
     demand(slots >= 1 && slots <= 32 && lattice_bits >= 1 && lattice_bits <= 32, "bad-slots");
     scar->model = memory_take(sizeof *scar->model), scar->owner = 1;
     *scar->model = (Model){.profile = profile, .sh_degree = sh_degree, .slots = slots, .lattice_bits = lattice_bits,
-                           .file_length = (int64_t)file_length, .origin = {x, y, z}, .voxel = voxel};
+                           .origin = {x, y, z}, .voxel = voxel,
+                           .numbers_left = FREE_NUMBERS + NUMBERS_PER_BYTE * (int64_t)file_length};
     return scar;
 }
 

@@ -9,8 +9,6 @@
 #define MOST_ALPHABET 4096
 #define MOST_DIGIT 255
 #define WEIGHT_BITS 24
-#define SYMBOLS_PER_BYTE 1
-#define SYMBOLS_AT_LEAST (1ll << 16)
 #define STEPS_APART 3 /* steps with models of their own; the last serves all later ones too */
 #define LARGEST 2147483647
 #define FEW 3
@@ -19,10 +17,10 @@
 
 /* A TABLES block and the models of its fields. */
 typedef struct {
-    Rans rans;
-    NumberModel count, digits[4][2], more[STEPS_APART], first[STEPS_APART], gaps[STEPS_APART], precision[STEPS_APART];
+    Numbers numbers;
+    NumberModel digits[4][2], more[STEPS_APART], first[STEPS_APART], gaps[STEPS_APART], precision[STEPS_APART];
     NumberModel weights[WEIGHT_BITS];
-} TableNumbers;
+} TableReader;
 
 /* Cumulative frequencies of weights (SPEC 8.1). */
 static void put_sums(const uint32_t *weights, int64_t n, uint32_t *sums) {
@@ -53,12 +51,13 @@ static void find_near(Pool *pool, StaticTable *table) {
     }
 }
 
-static uint32_t read_key(TableNumbers *numbers, uint32_t before) {
+static uint32_t read_key(TableReader *reader, uint32_t before) {
     uint32_t key = 0;
     int same = 1;
+    spend(&reader->numbers, 4);
     for (int i = 0; i < 4; i++) {
         const int64_t old = before >> (24 - 8 * i) & MOST_DIGIT;
-        int64_t digit = read_number(&numbers->rans, &numbers->digits[i][same]);
+        int64_t digit = next_number(&reader->numbers, &reader->digits[i][same]);
         if (same) digit += old + (i == 3);
         demand(digit <= MOST_DIGIT, "bad-table");
         same &= digit == old;
@@ -67,41 +66,44 @@ static uint32_t read_key(TableNumbers *numbers, uint32_t before) {
     return key;
 }
 
-/* Ascending from at least -LARGEST on, as a signed number is. */
-static void read_alphabet(TableNumbers *numbers, int64_t kind, int64_t n, int32_t *values) {
-    int64_t value = read_signed(&numbers->rans, numbers->first + kind);
+/* n values, ascending from at least -LARGEST on, as a signed number is. */
+static const int32_t *read_alphabet(TableReader *reader, Pool *pool, int64_t kind, int64_t n) {
+    spend(&reader->numbers, 1);
+    int64_t value = next_signed(&reader->numbers, reader->first + kind);
+    spend(&reader->numbers, n - 1);
+    int32_t *values = pool_take(pool, 4 * n);
     values[0] = (int32_t)value;
     for (int64_t i = 1; i < n; i++) {
-        value += (int64_t)read_number(&numbers->rans, numbers->gaps + kind) + 1;
+        value += (int64_t)next_number(&reader->numbers, reader->gaps + kind) + 1;
         values[i] = (int32_t)value;
     }
     demand(value <= LARGEST, "bad-table");
+    return values;
 }
 
-static void read_table_weights(TableNumbers *numbers, int64_t kind, int64_t n, uint32_t *weights) {
-    const int64_t precision = read_limited(&numbers->rans, numbers->precision + kind, WEIGHT_BITS - 1);
+static void read_table_weights(TableReader *reader, int64_t kind, int64_t n, uint32_t *weights) {
+    const int64_t precision = read_limited(&reader->numbers, reader->precision + kind, WEIGHT_BITS - 1);
     uint32_t bits = 0;
+    spend(&reader->numbers, n);
     for (int64_t i = 0; i < n; i++) {
-        weights[i] = read_number(&numbers->rans, numbers->weights + precision) + 1;
+        weights[i] = next_number(&reader->numbers, reader->weights + precision) + 1;
         bits |= weights[i];
     }
     demand(bits >> WEIGHT_BITS == 0, "bad-table");
 }
 
-static void read_record(Model *m, TableNumbers *numbers, StaticTable *out) {
+static void read_record(TableReader *reader, Pool *pool, StaticTable *out) {
     const int64_t step = out->key >> 8 & MOST_DIGIT, kind = step < STEPS_APART ? step : STEPS_APART - 1;
-    const int64_t size = read_limited(&numbers->rans, numbers->more + kind, MOST_ALPHABET - 1) + 1;
-    m->table_symbols += size;
-    demand(m->table_symbols <= SYMBOLS_AT_LEAST + SYMBOLS_PER_BYTE * m->file_length, "limit-expansion");
-    int32_t *values = pool_take(&m->pool, 4 * size);
-    uint32_t *sums = pool_take(&m->pool, 4 * (size + 1)), weights[MOST_ALPHABET];
+    const int64_t size = read_limited(&reader->numbers, reader->more + kind, MOST_ALPHABET - 1) + 1;
+    uint32_t weights[MOST_ALPHABET];
     weights[0] = 1;
-    read_alphabet(numbers, kind, size, values);
-    if (size > 1) read_table_weights(numbers, kind, size, weights);
+    const int32_t *values = read_alphabet(reader, pool, kind, size);
+    if (size > 1) read_table_weights(reader, kind, size, weights);
+    uint32_t *sums = pool_take(pool, 4 * (size + 1));
     put_sums(weights, size, sums);
     *out = (StaticTable){.key = out->key, .size = (int32_t)size, .values = values, .sums = sums};
     if (size <= FEW) out->few = few_of(out);
-    else find_near(&m->pool, out);
+    else find_near(pool, out);
 }
 
 /* The tables of a layer and those of the layer before, where the layer has none of their key (R-8.3-2). */
@@ -124,14 +126,14 @@ void read_tables(Model *m, int64_t k) {
         m->tables[k] = m->tables[k - 1];
         return;
     }
-    TableNumbers numbers = {.rans = open_stream(block)};
-    const int64_t count = read_limited(&numbers.rans, &numbers.count, MOST_TABLES);
+    TableReader reader = {.numbers = open_numbers(m, block)};
+    const int64_t count = read_once(&reader.numbers, MOST_TABLES);
     StaticTable *added = pool_take(&m->pool, (int64_t)sizeof *added * count);
     for (int64_t i = 0; i < count; i++) {
-        added[i].key = read_key(&numbers, i ? added[i - 1].key : 0);
-        read_record(m, &numbers, added + i);
+        added[i].key = read_key(&reader, i ? added[i - 1].key : 0);
+        read_record(&reader, &m->pool, added + i);
     }
-    seal_stream(&numbers.rans);
+    seal_numbers(&reader.numbers);
     merge_tables(m, k, added, count);
 }
 

@@ -17,7 +17,7 @@ from scarfmt.blocks.declare import NumberRecord, Record, read
 from scarfmt.blocks.registry import BLOCKS
 from scarfmt.blocks.spec import BlockSpec, Reading
 from scarfmt.coding.models import NOTHING_OPENED
-from scarfmt.coding.work import TableSymbols
+from scarfmt.coding.work import NumberBudget
 from scarfmt.container.directory import block_name, total
 from scarfmt.container.file import Container, Entry, check_crc, read_header
 from scarfmt.container.registries import BlockKind, ColourSpace, CoordinateFrame, Profile, RenderModel, Stream
@@ -148,7 +148,7 @@ class Dump:
                 yield Row(int(left["offset"][0]), total(left[size]), f"{kind}s: {len(left)} more", "", "5.5")
 
     def _declared(
-        self, record: Record, offset: int, length: int, name: str, section: str, **parameters: int
+        self, record: Record, offset: int, length: int, name: str, section: str, **parameters: Any
     ) -> Iterator[Row]:
         """The fields of some bytes of the file that are known to be sound."""
         trace = FieldRows(name, section, self._full)
@@ -156,12 +156,12 @@ class Dump:
         return moved(trace.rows, offset)
 
     def _blocks(self, container: Container) -> Iterator[Row]:
-        symbols = TableSymbols(container.header.file_length, DEFAULT_LIMITS)
+        budget = NumberBudget(container.header.file_length, DEFAULT_LIMITS)
         seen: dict[int, int] = {}
         held: list[Row] = []
         for entry in container.entries:
             seen[entry.layer] = seen.get(entry.layer, 0) + (entry.kind == BlockKind.TILE)
-            rows = self._block(container, entry, symbols)
+            rows = self._block(container, entry, budget)
             if entry.kind == BlockKind.TILE and seen[entry.layer] > SHOWN_ITEMS and not self._full:
                 # Its rows are not shown, but what is refused is.
                 for _ in rows:
@@ -186,7 +186,7 @@ class Dump:
             if length > 0:
                 yield Row(start, length, name, f"{len(held)} blocks", "7.1")
 
-    def _block(self, container: Container, entry: Entry, symbols: TableSymbols) -> Iterator[Row]:
+    def _block(self, container: Container, entry: Entry, budget: NumberBudget) -> Iterator[Row]:
         present = min(entry.length, self._source.size - entry.offset)
         if present <= 0:
             return
@@ -204,26 +204,26 @@ class Dump:
         elif spec is None:
             rows = iter([Row(0, len(payload), name, shown(payload, self._full), "5.6")])
         elif isinstance(spec.declaration, NumberRecord):
-            rows = self._numbers(entry, payload, spec, symbols)
+            rows = self._numbers(entry, payload, spec, budget)
         else:
-            rows = self._fields(entry, payload, spec, symbols)
+            rows = self._fields(entry, payload, spec, budget)
         yield from moved(rows, entry.offset)
 
-    def _numbers(self, entry: Entry, payload: bytes, spec: BlockSpec, symbols: TableSymbols) -> Iterator[Row]:
+    def _numbers(self, entry: Entry, payload: bytes, spec: BlockSpec, budget: NumberBudget) -> Iterator[Row]:
         """A row for the stream, then those of its numbers."""
         yield Row(0, len(payload), f"{block_name(entry)}.numbers", shown(payload, self._full), "8.5")
-        rows = self._fields(entry, payload, spec, symbols)
+        rows = self._fields(entry, payload, spec, budget)
         yield from (replace(row, content=True) for row in rows)
 
-    def _fields(self, entry: Entry, payload: bytes, spec: BlockSpec, symbols: TableSymbols) -> Iterator[Row]:
+    def _fields(self, entry: Entry, payload: bytes, spec: BlockSpec, budget: NumberBudget) -> Iterator[Row]:
         """Rows of what is declared, and what reading it refuses."""
         name = block_name(entry)
-        reading = Reading(entry.layer, self._opening, symbols.spend)
+        reading = Reading(entry.layer, self._opening, budget.spend)
         trace = FieldRows(name, spec.section, self._full)
 
         def parse() -> None:
             parameters = spec.parameters(payload, reading)
-            read(spec.declaration, payload, name, trace, **parameters)
+            read(spec.declaration, payload, name, trace, budget.spend, **parameters)
             value = spec.parse(payload, replace(reading, spend=lambda count: True))
             if entry.kind == BlockKind.LAYER:
                 self._opening = value[1]

@@ -20,7 +20,7 @@ from scarfmt.blocks.streaming import check_place, checked_streaming
 from scarfmt.coding.models import NOTHING_OPENED, SceneModels
 from scarfmt.coding.reader import SceneReader, table_of
 from scarfmt.coding.tile import TileContent
-from scarfmt.coding.work import TableSymbols
+from scarfmt.coding.work import NumberBudget
 from scarfmt.coding.writer import Report, silent
 from scarfmt.container.directory import block_name
 from scarfmt.container.file import Container, Entry, read_header
@@ -178,7 +178,7 @@ class _Check:
         self._result = result
         self._report = report
         self._last = result.layers_checked
-        self._symbols = TableSymbols(reader.header.file_length, reader.container.limits)
+        self._budget = NumberBudget(reader.header.file_length, reader.container.limits)
         self._places = {_place(finding) for finding in result.findings}
         self._broken: list[Entry] = []
         self._miscounted: list[ScarError] = []
@@ -259,7 +259,7 @@ class _Check:
         spec = BLOCKS.get(entry.kind)
         if spec is None or (entry.kind == BlockKind.LAYER and entry.layer > 1 and not self._opening[0]):
             return None
-        value = spec.parse(payload, Reading(entry.layer, self._opening, self._symbols.spend))
+        value = spec.parse(payload, Reading(entry.layer, self._opening, self._budget.spend))
         if entry.kind == BlockKind.LAYER:
             self._opening = value[1]
         elif entry.kind == BlockKind.TABLES:

@@ -14,14 +14,16 @@ from scarfmt.blocks.declare import (
     U8,
     Check,
     Derived,
+    Number,
+    NumberRecord,
     Record,
     Repeat,
     Rule,
     Scope,
+    ShiftedNumbers,
     Use,
     When,
     array,
-    bits,
     blob,
     build,
     count,
@@ -29,6 +31,7 @@ from scarfmt.blocks.declare import (
     varint,
     varints,
 )
+from scarfmt.entropy.numbers import NumberWriter
 from scarfmt.errors import LimitExceeded, Malformed, ScarError
 from tests.samples.codec_samples import refuses
 
@@ -37,7 +40,7 @@ def refusal(at: Scope) -> ScarError:
     return Malformed("bad-thing", f"{dict(at)}", field="thing")
 
 
-PAIR = Record("rows" / U8, "numbers" / bits("rows * width"))
+PAIR = Record("rows" / U8, "numbers" / array("u4", "rows * width"))
 THING = Record(
     "kind" / U8 * "0 or 1",
     Rule(Check("R-1-1", "kind is 0 or 1", "bad-thing"), lambda at: at["kind"] < 2, refusal),
@@ -58,7 +61,7 @@ def things() -> st.SearchStrategy[dict[str, Any]]:
 
 
 def _thing(kind: int, low: int, rows: list[int], weights: list[int]) -> dict[str, Any]:
-    pairs = [{"rows": n, "numbers": np.arange(-n, n)} for n in rows]
+    pairs = [{"rows": n, "numbers": np.arange(2 * n)} for n in rows]
     values: dict[str, Any] = {"kind": kind, "count": len(rows), "pairs": pairs, "size": len(weights)}
     values |= {"weights": np.array(weights, np.int64), "floats": np.arange(len(rows), dtype="f4"), "blob": bytes(kind)}
     return values | ({"low": low, "width_of_all": 0.5} if kind else {})
@@ -128,3 +131,51 @@ def test_a_rule_is_applied_where_it_stands() -> None:
 def test_nothing_may_follow() -> None:
     payload = build(THING, _thing(0, 0, [], []))
     refuses("payload-long", lambda: read(THING, payload + b"\0", "thing"))
+
+
+ADAPTIVE = NumberRecord("n" / Number(limit=9), "numbers" / ShiftedNumbers("n"), "more" / Number("signed", times="n"))
+
+
+@given(st.lists(st.integers(1 - 2**31, 2**31 - 1), max_size=9), st.integers(0, 31))
+def test_shifted_numbers_come_back(values: list[int], shift: int) -> None:
+    """Zero bits that all share are sent once."""
+    whole = np.array(values, np.int64)
+    numbers = np.sign(whole) * (np.abs(whole) >> shift << shift)
+    given_values = {"n": len(values), "numbers": numbers, "more": whole}
+    found = read(ADAPTIVE, build(ADAPTIVE, given_values), "thing")
+    assert found["numbers"].tolist() == numbers.tolist()
+    assert found["more"].tolist() == values
+
+
+def _adaptive(*numbers: tuple[object, int]) -> bytes:
+    writer = NumberWriter()
+    for name, number in numbers:
+        writer.number(name, number)
+    return writer.finish()
+
+
+@pytest.mark.parametrize(
+    ("numbers", "wanted"),
+    [
+        ([(("n", None), 10)], "count-limit"),
+        ([(("n", None), 1), (("shift of", "numbers"), 32)], "count-limit"),
+        ([(("n", None), 1), (("shift of", "numbers"), 31), (("numbers", None), 2)], "bad-number"),
+        ([(("n", None), 1), (("shift of", "numbers"), 1), (("numbers", None), (1 << 32) - 3)], "bad-number"),
+    ],
+)
+def test_adaptive_numbers_beyond_their_range_are_refused(numbers: list[tuple[object, int]], wanted: str) -> None:
+    """Counts, shifts, and what shifts make of numbers."""
+    refuses(wanted, lambda: read(ADAPTIVE, _adaptive(*numbers), "thing"))
+
+
+def test_numbers_are_spent_before_they_are_read() -> None:
+    """One by one, an array at once: nothing is made of a declared length that is not allowed."""
+    asked: list[int] = []
+
+    def allow(count: int) -> bool:
+        asked.append(count)
+        return sum(asked) <= 13
+
+    values = {"n": 9, "numbers": np.arange(9), "more": np.arange(9)}
+    refuses("limit-expansion", lambda: read(ADAPTIVE, build(ADAPTIVE, values), "thing", spend=allow))
+    assert asked == [1, 1, 9, 9]

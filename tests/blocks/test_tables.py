@@ -9,7 +9,6 @@ from hypothesis import strategies as st
 from scarfmt.blocks.tables import fit_table, pack_tables, table_bits, unpack_tables
 from scarfmt.entropy.keys import TableKey
 from scarfmt.entropy.symbol_tables import SymbolTable
-from tests.samples.codec_samples import refuses
 from tests.samples.equality import same
 
 EDGE = 2**31 - 1
@@ -82,16 +81,3 @@ def test_equal_tables_cost_few_bits() -> None:
     table = SymbolTable(np.array([-1, 0, 1]), np.array([3, 7, 3]))
     one, all_of_them = (len(pack_tables({TableKey(10, j, 2, 0): table for j in range(n)})) for n in (1, 100))
     assert all_of_them < 12 * one
-
-
-def test_symbols_are_spent_before_they_are_read() -> None:
-    """A reader is asked for what a table holds when its size is known, and no more is made than it allows."""
-    large = SymbolTable(np.arange(4096), np.ones(4096, np.int64))
-    payload, asked = pack_tables({KEY: large}), list[int]()
-
-    def refuse(symbols: int) -> bool:
-        asked.append(symbols)
-        return False
-
-    refuses("limit-expansion", lambda: unpack_tables(payload, refuse))
-    assert asked == [4096]

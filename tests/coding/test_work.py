@@ -12,12 +12,12 @@ from fuzz.testing.neural_scenes import neural_scene
 from fuzz.testing.scenes import random_scene
 from reference_decoder.decode import decode
 from scarfmt.coding.reader import SceneReader
-from scarfmt.coding.work import TableSymbols, declared_work
+from scarfmt.coding.work import NumberBudget, declared_work
 from scarfmt.coding.writer import QuantisedScene, write_scene
 from scarfmt.container.schema import Profile
 from scarfmt.container.source import BytesSource
 from scarfmt.errors import LimitExceeded
-from scarfmt.limits import FORMAT_LIMITS, FREE_TABLE_SYMBOLS, FREE_WORK, Limits
+from scarfmt.limits import FORMAT_LIMITS, FREE_NUMBERS, FREE_WORK, Limits
 from scarfmt.tools.truncate import truncate
 from scarfmt.tools.validate import validate
 
@@ -69,9 +69,9 @@ def test_empty_tiles_and_layers_cost_little() -> None:
     assert many < few / 10
 
 
-def test_symbols_of_tables_are_added_up() -> None:
-    """Tables of all layers share one allowance, which grows with the file."""
-    symbols = TableSymbols(100, Limits())
-    assert symbols.spend(FREE_TABLE_SYMBOLS)
-    assert symbols.spend(100)
-    assert not symbols.spend(1)
+def test_adaptive_numbers_are_added_up() -> None:
+    """All blocks share one allowance, which grows with the file."""
+    budget = NumberBudget(100, Limits())
+    assert budget.spend(FREE_NUMBERS)
+    assert budget.spend(200)
+    assert not budget.spend(1)

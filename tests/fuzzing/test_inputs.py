@@ -64,8 +64,7 @@ def test_an_input_that_ends_the_process_is_a_finding_and_the_others_are_examined
 def test_a_varint_of_ten_bytes_is_refused_though_its_last_bits_leave_64(native: bool) -> None:
     """A number below 2^63 remains of what fits in 64 bits."""
     data = next(file.data for file in FILES if file.name == "neural-explicit-4")
-    layer = next(block.layer for block in blocks_of(data) if block.kind == BlockKind.CODEBOOKS)
-    long = changed(data, BlockKind.CODEBOOKS, layer, lambda block: bytes([block[0] | 128, *[128] * 8, 2]) + block[1:])
+    long = changed(data, BlockKind.LAYER, 2, lambda block: block[:1] + bytes([block[1] | 128, *[128] * 8, 2]) + block[2:])
     assert decoded_by(long, native) == "bad-varint"
 
 

@@ -121,3 +121,29 @@ def test_damaged_files_are_answered_as_by_the_definition() -> None:
             assert answers[0] == answers[1]
         else:
             assert same(answers[0].arrays(), answers[1].arrays())
+
+
+@pytest.mark.parametrize("pattern", ["worked", "valid/*", "edge/*", "either/*", "invalid/*"])
+def test_the_library_answers_for_models_as_the_definition(pattern: str) -> None:
+    """It refuses none that can be read, which nobody would see: the definition decodes what it refuses."""
+    native, wrong, seen = library(), [], 0
+    assert native is not None
+    for name in names(pattern):
+        try:
+            reader = SceneReader(BytesSource(read(name)))
+            layers = len(reader.header.layers)
+            payloads = reader.model_payloads(layers)
+        except ScarError:
+            continue
+        try:
+            reader.models_of(layers, payloads, [])
+            wanted = None
+        except ScarError as error:
+            wanted = error.refusal
+        blocks = {(entry.layer, entry.kind): data for entry, data in payloads.items()}
+        found = NativeFile(native, reader.header.fields, reader.header.file_length, layers, blocks).refusal
+        seen += 1
+        if found != wanted:
+            wrong.append((name, found, wanted))
+    assert not wrong
+    assert seen

@@ -9,8 +9,8 @@ import math
 from collections.abc import Sequence
 from typing import NamedTuple
 
-from conformance.decoders.python.fields import Payload, require
-from conformance.decoders.python.rice import read_rice
+from conformance.decoders.python.fields import require
+from conformance.decoders.python.numbers import Numbers
 
 Vector = list[int]
 Matrix = list[Vector]
@@ -72,8 +72,8 @@ class Linear(NamedTuple):
         return [clamp(v, low, high) for v in self.rounded(x)]
 
 
-def read_matrix(reader: Payload, rows: int, columns: int, refusal: str) -> Matrix:
+def read_matrix(numbers: Numbers, rows: int, columns: int, field: str, refusal: str) -> Matrix:
     """A matrix of a block, row by row, its weights within reach (R-10.1-1)."""
-    weights = read_rice(reader, rows * columns)
+    weights = numbers.signed(rows * columns, field)
     require(all(abs(w) <= 32767 for w in weights), refusal)
     return [weights[r * columns : (r + 1) * columns] for r in range(rows)]

@@ -6,7 +6,7 @@ from functools import partial
 
 from conformance.decoders.python.arithmetic import Matrix, Vector
 from conformance.decoders.python.context import Context, fine
-from conformance.decoders.python.fields import INDICES, LATENT, MASKS, OFFSETS, Payload, Rans, key, require
+from conformance.decoders.python.fields import INDICES, LATENT, MASKS, OFFSETS, Rans, key, require
 from conformance.decoders.python.front import (
     CODEBOOKS,
     DECODER_MLP,
@@ -19,6 +19,7 @@ from conformance.decoders.python.hash_grid import Grid, parse_grid
 from conformance.decoders.python.index_network import Network, check_network, parse_network
 from conformance.decoders.python.models import Row, has_latents, parse_networks
 from conformance.decoders.python.neural_indices import IndexReader
+from conformance.decoders.python.numbers import Numbers
 from conformance.decoders.python.predictors import (
     ATTRIBUTES,
     Predictor,
@@ -26,7 +27,6 @@ from conformance.decoders.python.predictors import (
     check_predictors,
     parse_predictors,
 )
-from conformance.decoders.python.rice import read_rice
 from conformance.decoders.python.static import StaticDecoder, deinterleaved, f32
 from conformance.decoders.python.tile import Key, Tile, table_contexts
 from conformance.decoders.python.work import Work
@@ -75,14 +75,14 @@ class Decoder(StaticDecoder):
         for k in range(1, self.k + 1):
             wanted = [number for number, layer in enumerate(first) if layer == k]
             if wanted:
-                books = parse_codebooks(self.needed(k, CODEBOOKS))
+                books = parse_codebooks(self.numbers(self.needed(k, CODEBOOKS)))
                 require(list(books) == wanted, "bad-codebook")
                 self.books |= books
         require(all(len(book[0]) == self.dimension for book in self.books.values()), "bad-mlp")
 
     def _scene_networks(self) -> None:
         block = self.model(1, SCENE_MLP)
-        networks = parse_networks(block) if block is not None else []
+        networks = parse_networks(self.numbers(block)) if block is not None else []
         self.check_outputs()
         if self.profile:
             feature = self.networks[0][-1][0] if self.networks else 0
@@ -93,7 +93,7 @@ class Decoder(StaticDecoder):
         self.networks += networks
 
     def _index_network(self, layer: int) -> None:
-        network = self.network = parse_network(self.needed(layer, ENTROPY_NETWORK))
+        network = self.network = parse_network(self.numbers(self.needed(layer, ENTROPY_NETWORK)))
         grid = self.model(layer, HASH_GRID)
         self.grid = parse_grid(grid) if grid is not None else None
         features = sum(level.features for level, _ in self.grid.levels) if self.grid else 0
@@ -107,7 +107,7 @@ class Decoder(StaticDecoder):
 
     def _predictors(self, k: int) -> None:
         block, before = self.model(k, PREDICTORS), self.predictors[-1] if self.predictors else {}
-        added = parse_predictors(block) if block is not None else {}
+        added = parse_predictors(self.numbers(block)) if block is not None else {}
         components = {channel.stream: channel.components for channel in self.channels}
         for stream, component, step in added:
             i = next((i for i, channel in enumerate(self.channels) if channel.stream == stream), None)
@@ -230,23 +230,22 @@ class Decoder(StaticDecoder):
         return [c + (x << shift) + (1 << shift >> 1) for c, x in zip(corner, deinterleaved(code), strict=True)]
 
 
-def parse_codebooks(block: bytes) -> dict[int, list[list[int]]]:
+def parse_codebooks(numbers: Numbers) -> dict[int, list[list[int]]]:
     """The codebooks of a block by number (SPEC §7.8)."""
-    reader = Payload(block)
-    d = reader.count(64)
+    d = numbers.count(64, "d")
     require(d >= 1, "bad-codebook")
-    count = reader.count(2)
+    count = numbers.count(2, "book_count")
     require(count >= 1, "bad-codebook")
     books: dict[int, list[list[int]]] = {}
     for _ in range(count):
-        number, size = reader.u8(), reader.count(4096)
+        number, size = numbers.count(255, "number"), numbers.count(4096, "size")
         require(max(books, default=-1) < number <= 1 and size >= 1, "bad-codebook")
         columns = []
-        for _ in range(d):
-            columns.append(read_rice(reader, size))
+        for component in range(d):
+            columns.append(numbers.signed(size, "words", component))
             require(max(map(abs, columns[-1])) <= 65535, "bad-codebook")
         books[number] = [list(word) for word in zip(*columns, strict=True)]
-    reader.finish()
+    numbers.seal()
     return books
 
 

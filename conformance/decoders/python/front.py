@@ -33,7 +33,7 @@ class Limits(NamedTuple):
     tile_anchors: int = 1 << 16
     anchors_per_byte: int = 1
     slots_per_byte: int = 8
-    table_symbols_per_byte: int = 1
+    numbers_per_byte: int = 2
     work_per_byte: int = 1 << 17
 
 

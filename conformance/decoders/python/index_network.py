@@ -18,9 +18,9 @@ from conformance.decoders.python.arithmetic import (
     sigmoid12,
     tanh12,
 )
-from conformance.decoders.python.fields import Payload, Rans, Table, cumulative, require
+from conformance.decoders.python.fields import Rans, Table, cumulative, require
+from conformance.decoders.python.numbers import Numbers
 from conformance.decoders.python.predictors import MAX_CLASSES
-from conformance.decoders.python.rice import read_shifted
 
 
 class Gru(NamedTuple):
@@ -133,25 +133,27 @@ class Network:
         return [round_shift(v, shift) for v in product(vectors, o, biases)]
 
 
-def parse_network(block: bytes) -> Network:
-    reader = Payload(block)
-    bits, flags, latent_shift, codeword_shift = reader.fields("4B")
+def parse_network(numbers: Numbers) -> Network:
+    def counts(most: int, names: str) -> list[int]:
+        return [numbers.count(most, name) for name in names.split()]
+
+    bits, flags, latent_shift, codeword_shift = counts(255, "activation_bits flags latent_shift codeword_shift")
+    classes, attributes, depths, latents, grid = counts(512, "classes attributes depths latents grid")
+    dims, first, hidden, mixed = [*counts(64, "codeword_dims"), *counts(256, "embed_width hidden mixed")]
+    layers, tokens, heads = [*counts(4, "gru_count"), *counts(7, "tokens"), *counts(2, "head_count")]
     require(flags < 4, "bad-network")
-    classes, attributes, depths, latents, grid = (reader.count(512) for _ in range(5))
-    dims, first, hidden, mixed = reader.count(64), reader.count(256), reader.count(256), reader.count(256)
-    layers, tokens, heads = reader.count(4), reader.count(7), reader.count(2)
     inputs = classes + (attributes if flags & 1 else 0) + depths * (attributes + latents + 1) + grid
     require(inputs <= 512, "bad-network")
     network = Network(
         bits, bool(flags & 1), latent_shift, codeword_shift, classes, attributes, depths, latents, grid, dims, tokens,
-        (_linear(reader, first, inputs), _linear(reader, hidden, first)),
-        [_gru(reader, hidden, dims + 1, heads, tokens) if j == 0 else _gru(reader, hidden, hidden, 1, 1)
+        (_linear(numbers, first, inputs), _linear(numbers, hidden, first)),
+        [_gru(numbers, hidden, dims + 1, heads, tokens) if j == 0 else _gru(numbers, hidden, hidden, 1, 1)
          for j in range(layers)],
-        _attention(reader, hidden) if flags & 2 else None,
-        _linear(reader, mixed, 2 * hidden),
-        [_head(reader, dims + 1, mixed) for _ in range(heads)],
+        _attention(numbers, hidden) if flags & 2 else None,
+        _linear(numbers, mixed, 2 * hidden),
+        [_head(numbers, dims + 1, mixed) for _ in range(heads)],
     )
-    reader.finish()
+    numbers.seal()
     require(_is_sound(network, inputs), "bad-network")
     return network
 
@@ -200,33 +202,36 @@ def check_network(net: Network, books: dict[int, Matrix]) -> None:
             require(Linear(vectors, biases, shift).is_exact(net.amax), "bad-network")
 
 
-def _linear(reader: Payload, rows: int, columns: int) -> Linear:
-    shift = reader.u8()
-    weights = read_matrix(reader, rows, columns, "bad-network")
-    return Linear(weights, read_shifted(reader, rows), shift)
+def _matrix(numbers: Numbers, rows: int, columns: int) -> Matrix:
+    return read_matrix(numbers, rows, columns, "numbers", "bad-network")
 
 
-def _gru(reader: Payload, hidden: int, columns: int, matrices: int, tokens: int) -> Gru:
-    shift, rows = reader.u8(), 3 * hidden
-    wi = [read_matrix(reader, rows, columns, "bad-network") for _ in range(matrices)]
-    wh = read_matrix(reader, rows, hidden, "bad-network")
-    biases = read_shifted(reader, tokens * rows)
+def _linear(numbers: Numbers, rows: int, columns: int) -> Linear:
+    shift = numbers.count(255, "shift")
+    return Linear(_matrix(numbers, rows, columns), numbers.shifted(rows, "biases"), shift)
+
+
+def _gru(numbers: Numbers, hidden: int, columns: int, matrices: int, tokens: int) -> Gru:
+    shift, rows = numbers.count(255, "shift"), 3 * hidden
+    wi = [_matrix(numbers, rows, columns) for _ in range(matrices)]
+    wh = _matrix(numbers, rows, hidden)
+    biases = numbers.shifted(tokens * rows, "bi")
     bi = [biases[t * rows : (t + 1) * rows] for t in range(tokens)]
-    return Gru(shift, wi, wh, bi, read_shifted(reader, rows), read_shifted(reader, hidden))
+    return Gru(shift, wi, wh, bi, numbers.shifted(rows, "bh"), numbers.shifted(hidden, "start"))
 
 
-def _attention(reader: Payload, hidden: int) -> Attention:
-    query, key_, value = (_linear(reader, hidden, hidden) for _ in range(3))
-    return Attention(query, key_, value, reader.u8())
+def _attention(numbers: Numbers, hidden: int) -> Attention:
+    query, key_, value = (_linear(numbers, hidden, hidden) for _ in range(3))
+    return Attention(query, key_, value, numbers.count(255, "score_shift"))
 
 
-def _head(reader: Payload, dims: int, mixed: int) -> Head:
-    size = reader.count(4096)
-    clusters = [reader.count(4096) for _ in range(reader.count(256))]
-    projections = [_linear(reader, dims, mixed) for _ in range(2 if clusters else 1)]
-    shift, member_shift = reader.fields("2B")
-    cluster_biases = read_shifted(reader, len(clusters))
-    return Head(clusters, projections, shift, member_shift, cluster_biases, read_shifted(reader, size))
+def _head(numbers: Numbers, dims: int, mixed: int) -> Head:
+    size = numbers.count(4096, "size")
+    clusters = [numbers.count(4096, "clusters") for _ in range(numbers.count(256, "cluster_count"))]
+    projections = [_linear(numbers, dims, mixed) for _ in range(2 if clusters else 1)]
+    shift, member_shift = numbers.count(255, "shift"), numbers.count(255, "member_shift")
+    cluster_biases = numbers.shifted(len(clusters), "cluster_biases")
+    return Head(clusters, projections, shift, member_shift, cluster_biases, numbers.shifted(size, "biases"))
 
 
 def frequencies(logits: Vector) -> list[int]:

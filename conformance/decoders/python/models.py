@@ -119,40 +119,33 @@ class Weighted(NamedTuple):
     weights: list[int]
 
 
-def parse_tables(block: bytes, most: int = 1 << 63) -> dict[int, Weighted]:
-    """The tables of a TABLES block by key, of at most so many symbols."""
-    numbers = Numbers(block)
-    tables = read_tables(numbers, most)
-    numbers.seal()
-    return tables
-
-
-def read_tables(numbers: Numbers, most: int = 1 << 63) -> dict[int, Weighted]:
+def parse_tables(numbers: Numbers) -> dict[int, Weighted]:
+    """The tables of a TABLES block by key."""
     tables: dict[int, Weighted] = {}
     digits = [0, 0, 0, 0]
     for _ in range(numbers.count(65536, "table_count")):
         digits = _digits(numbers, digits)
         kind = min(digits[2], 2)
         more = numbers.count(4095, "more", kind)
-        most -= more + 1
-        require(most >= 0, "limit-expansion")
-        values, weights = [numbers.signed("first", kind)], [1]
-        for _ in range(more):
-            values.append(values[-1] + numbers.number("gaps", kind) + 1)
+        values, weights = numbers.signed(1, "first", kind), [1]
+        for gap in numbers.numbers(more, "gaps", kind):
+            values.append(values[-1] + gap + 1)
         require(values[-1] < 1 << 31, "bad-table")
         if more:
             precision = numbers.count(23, "precision", kind)
-            weights = [numbers.number("weights", precision) + 1 for _ in values]
+            weights = [less + 1 for less in numbers.numbers(more + 1, "weights", precision)]
             require(max(weights) < 1 << 24, "bad-table")
         tables[key(*digits)] = Weighted(values, weights)
+    numbers.seal()
     return tables
 
 
 def _digits(numbers: Numbers, before: list[int]) -> list[int]:
     """The digits of the next key."""
     digits, same = [], 1
+    numbers.spend(4)
     for i in range(4):
-        digit = numbers.number("key", i, same)
+        digit = numbers.read(("key", i, same))
         if same:
             digit += before[i] + (i == 3)
         require(digit <= 255, "bad-table")
@@ -161,17 +154,9 @@ def _digits(numbers: Numbers, before: list[int]) -> list[int]:
     return digits
 
 
-def parse_networks(block: bytes) -> list[Shape]:
+def parse_networks(numbers: Numbers) -> list[Shape]:
     """The shapes of the networks of a DECODER_MLP or SCENE_MLP block; nothing is decoded with their weights."""
-    numbers = Numbers(block)
-    networks = read_networks(numbers)
-    numbers.seal()
-    return networks
-
-
-def read_networks(numbers: Numbers) -> list[Shape]:
     out: list[Shape] = []
-    room = 1 << 20
     for _ in range(numbers.count(8, "network_count")):
         shape: Shape = []
         layers = numbers.count(4, "layer_count")
@@ -181,12 +166,11 @@ def read_networks(numbers: Numbers) -> list[Shape]:
             require(rows >= 1, "bad-mlp")
             columns = numbers.count(1024, "columns")
             require(columns == shape[-1][0] if shape else columns >= 1, "bad-mlp")
-            room -= rows * columns
-            require(room >= 0, "content-limit")
-            weights = [numbers.signed("weights") for _ in range(rows * columns)]
+            weights = numbers.signed(rows * columns, "weights")
             require(min(weights) >= -32768 and max(weights) <= 32767, "bad-mlp")
             for name in ("scales", "biases"):
-                require(all(map(math.isfinite, [numbers.f32(name) for _ in range(rows)])), "bad-mlp")
+                require(all(map(math.isfinite, numbers.f32(rows, name))), "bad-mlp")
             shape.append((rows, columns))
         out.append(shape)
+    numbers.seal()
     return out

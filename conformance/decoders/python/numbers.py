@@ -1,4 +1,4 @@
-"""Adaptive numbers (SPEC §8.5), of which TABLES, DECODER_MLP and SCENE_MLP blocks are made."""
+"""Adaptive numbers (SPEC §8.5), of which all blocks of models but LAYER and HASH_GRID are made."""
 
 from __future__ import annotations
 
@@ -11,15 +11,36 @@ Field = tuple[str | int, ...]
 _SECOND = 32
 
 
+class Budget:
+    """The numbers that the blocks of a file may still have together (SPEC §13.2)."""
+
+    def __init__(self, left: int = 1 << 62) -> None:
+        self.left = left
+
+
 class Numbers:
     """The numbers of a block. `taken` has all that were read, each with its field."""
 
-    def __init__(self, block: bytes) -> None:
+    def __init__(self, block: bytes, budget: Budget | None = None) -> None:
         self.rans = Rans(block, {})
+        self._budget = budget or Budget()
         self.taken: list[tuple[Field, int]] = []
         self._models: dict[Field, list[list[int]]] = {}
 
     def number(self, *field: str | int) -> int:
+        return self.numbers(1, *field)[0]
+
+    def numbers(self, n: int, *field: str | int) -> list[int]:
+        self.spend(n)
+        return [self.read(field) for _ in range(n)]
+
+    def spend(self, n: int) -> None:
+        """Take n numbers, which are to be read, from the budget."""
+        self._budget.left -= n
+        require(self._budget.left >= 0, "limit-expansion")
+
+    def read(self, field: Field) -> int:
+        """A number that is taken from the budget already."""
         if field not in self._models:
             self._models[field] = [[1 << 15, 0] for _ in range(2 * _SECOND)]
         model = self._models[field]
@@ -51,12 +72,17 @@ class Numbers:
         require(value <= most, "count-limit")
         return value
 
-    def signed(self, *field: str | int) -> int:
-        u = self.number(*field)
-        return u // 2 if u % 2 == 0 else -(u // 2) - 1
+    def signed(self, n: int, *field: str | int) -> list[int]:
+        return [u // 2 if u % 2 == 0 else -(u // 2) - 1 for u in self.numbers(n, *field)]
 
-    def f32(self, *field: str | int) -> float:
-        return float(struct.unpack("<f", struct.pack("<I", self.number(*field)))[0])
+    def shifted(self, n: int, field: str) -> list[int]:
+        shift = self.count(31, "shift of", field)
+        values = [v << shift for v in self.signed(n, field)]
+        require(all(abs(v) < 1 << 31 for v in values), "bad-number")
+        return values
+
+    def f32(self, n: int, *field: str | int) -> list[float]:
+        return list(struct.unpack(f"<{n}f", struct.pack(f"<{n}I", *self.numbers(n, *field))))
 
     def seal(self) -> None:
         self.rans.seal()

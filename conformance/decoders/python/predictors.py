@@ -8,13 +8,14 @@ from typing import NamedTuple
 
 from conformance.decoders.python.arithmetic import Linear, Matrix, Vector, clamp, read_matrix, round_shift
 from conformance.decoders.python.context import fine
-from conformance.decoders.python.fields import Payload, require
-from conformance.decoders.python.rice import read_shifted
+from conformance.decoders.python.fields import require
+from conformance.decoders.python.numbers import Numbers
 from conformance.decoders.python.tile import Key
 
 ATTRIBUTES = (5, 6, 7, 8)
 PREDICTED = (*ATTRIBUTES, 10)
 MAX_CLASSES = 15
+_HEAD = "stream", "component", "step", "b1", "b2", "classes", "inputs", "units"
 
 
 class Predictor(NamedTuple):
@@ -31,21 +32,21 @@ class Predictor(NamedTuple):
         return clamp(o0, 0, b1 - 1) * b2 + clamp(o1, 0, b2 - 1)
 
 
-def parse_predictors(block: bytes) -> dict[Key, Predictor]:
-    reader, out, keys = Payload(block), {}, list[Key]()
-    count = reader.count(1024)
+def parse_predictors(numbers: Numbers) -> dict[Key, Predictor]:
+    out, keys = {}, list[Key]()
+    count = numbers.count(1024, "predictor_count")
     require(count > 0, "bad-predictor")
     for _ in range(count):
-        stream, component, step, b1, b2, classes, inputs, units = reader.fields("8B")
+        stream, component, step, b1, b2, classes, inputs, units = (numbers.count(255, name) for name in _HEAD)
         sane = stream in PREDICTED and classes <= MAX_CLASSES < inputs and units <= 64
         require(sane, "bad-predictor")
-        hidden = _stored_layer(reader, units, inputs, classes) if units else None
-        output = _stored_layer(reader, 2, inputs + units, classes)
+        hidden = _stored_layer(numbers, units, inputs, classes) if units else None
+        output = _stored_layer(numbers, 2, inputs + units, classes)
         sound = output.is_exact(511) and (hidden is None or hidden.is_exact(511))
         require(sound and step >= 1 and (b1 + 1) * (b2 + 1) <= 256, "bad-predictor")
         keys.append((stream, component, step))
         out[keys[-1]] = Predictor((b1 + 1, b2 + 1), hidden, output)
-    reader.finish()
+    numbers.seal()
     require(all(a < b for a, b in pairwise(keys)), "bad-predictor")
     return out
 
@@ -59,12 +60,12 @@ def check_predictors(predictors: dict[Key, Predictor], components: dict[int, int
         require(len(predictor.output.weights[0]) - units == wanted, "bad-predictor")
 
 
-def _stored_layer(reader: Payload, rows: int, columns: int, classes: int) -> Linear:
-    shift = reader.u8()
+def _stored_layer(numbers: Numbers, rows: int, columns: int, classes: int) -> Linear:
+    shift = numbers.count(255, "shift")
     missing = [0] * (MAX_CLASSES - classes)
-    kept = read_matrix(reader, rows, columns - len(missing), "bad-predictor")
+    kept = read_matrix(numbers, rows, columns - len(missing), "weights", "bad-predictor")
     weights = [row[:classes] + missing + row[classes:] for row in kept]
-    return Linear(weights, read_shifted(reader, rows), shift)
+    return Linear(weights, numbers.shifted(rows, "biases"), shift)
 
 
 @dataclass(frozen=True)

@@ -51,6 +51,7 @@ from conformance.decoders.python.models import (
     parse_networks,
     parse_tables,
 )
+from conformance.decoders.python.numbers import Budget, Numbers
 from conformance.decoders.python.positions import read_positions
 from conformance.decoders.python.tile import NAMES, Tile, Trace, substreams, table_contexts
 
@@ -83,11 +84,16 @@ class StaticDecoder:
                 self.damaged.add(place)
         require(all(kind == TILE for _, kind, _ in self.damaged), "crc-mismatch")
         self.traces = [Trace() for _ in range(self.k)]
+        self._budget = Budget((1 << 20) + limits.numbers_per_byte * self.file_length)
         self._layer_table()
         self.read_models()
 
     def model(self, layer: int, kind: int) -> bytes | None:
         return self.blocks.get((layer, kind, NO_TILE), (None, 0))[0]
+
+    def numbers(self, block: bytes) -> Numbers:
+        """The numbers of a block, which count towards those that the file may have (SPEC §13.2)."""
+        return Numbers(block, self._budget)
 
     def needed(self, layer: int, kind: int) -> bytes:
         block = self.model(layer, kind)
@@ -100,15 +106,13 @@ class StaticDecoder:
         self.opening = Opening([], 0, [])
         self.rows: list[Row] = []
         self.tables: list[dict[int, Table]] = []
-        symbols = (1 << 16) + self.limits.table_symbols_per_byte * self.file_length
         for k in range(1, self.k + 1):
             row, self.opening = parse_layer(self.needed(k, LAYER), k, self.opening)
             self.rows.append(row)
             tables, added = dict(self.tables[-1] if self.tables else {}), self.model(k, TABLES)
             if added is not None:
-                found = parse_tables(added, symbols)
-                symbols -= sum(len(values) for values, _ in found.values())
-                tables |= {number: Table(values, cumulative(weights)) for number, (values, weights) in found.items()}
+                found = parse_tables(self.numbers(added)).items()
+                tables |= {number: Table(values, cumulative(weights)) for number, (values, weights) in found}
             self.tables.append(tables)
         self.channels = self.opening.channels
         check_opening(self.opening, self.profile)
@@ -133,7 +137,7 @@ class StaticDecoder:
         self.networks: list[Shape] = []
         self.dimension = 0
         if layer:
-            self.networks = parse_networks(self.needed(layer, DECODER_MLP))
+            self.networks = parse_networks(self.numbers(self.needed(layer, DECODER_MLP)))
             require(len(self.networks) == 1, "bad-mlp")
             self.dimension = self.networks[0][0][1]
         refined = [channel for channel in self.channels if channel.stream == LATENT]

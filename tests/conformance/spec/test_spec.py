@@ -72,7 +72,7 @@ def test_limits_are_the_codes() -> None:
     printed = {row[0].strip("`"): int(row[1]) for row in rows(section("13.2"))}
     assert printed == dataclasses.asdict(limits.DEFAULT_LIMITS)
     assert (limits.FREE_ANCHORS, limits.FREE_SLOTS, model.MAX_FIRST_WIDTH) == (1 << 16, 1 << 19, 2.0**96)
-    assert (limits.FREE_TABLE_SYMBOLS, limits.FREE_WORK) == (1 << 16, 1 << 32)
+    assert (limits.FREE_NUMBERS, limits.FREE_WORK) == (1 << 20, 1 << 32)
     bounds = (limits.MAX_TILES, limits.MAX_ANCHORS, limits.MAX_ANCHORS_PER_TILE, limits.MAX_BLOCK_BYTES)
     assert (*bounds, limits.MAX_METADATA_BYTES) == (1 << 24, 1 << 31, 65536, 1 << 31, 1 << 24)
 
