@@ -71,9 +71,6 @@ class Trace(Protocol):
     def leave(self, value: Any, at: int) -> None:
         """The field that began last ends before byte `at` and has this value."""
 
-    def part(self, name: str, start: int, past: int, value: Any) -> None:
-        """Bytes `start` to `past` of the payload are a part of the field that has begun."""
-
 
 class ByteReader:
     """A cursor over one payload that never reads past its end, and that may be watched by a `trace`.
@@ -100,10 +97,6 @@ class ByteReader:
     def skip(self) -> None:
         """Take all that is left."""
         self.position = len(self._data)
-
-    def byte(self, position: int) -> int:
-        """A byte that was taken."""
-        return self._data[position]
 
     def rest(self, most: int) -> bytes:
         """The bytes not yet taken, at most `most` of them, without taking them."""

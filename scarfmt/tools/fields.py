@@ -103,12 +103,6 @@ class FieldRows:
         if above is not None:
             above.split |= at > done.start
 
-    def part(self, name: str, start: int, past: int, value: Any) -> None:
-        """A row for a part of the field that has begun."""
-        if not self._open[-1].hidden and past > start:
-            self._open[-1].split = True
-            self._add(start, past, f"{self._open[-1].path}.{name}", value)
-
     def close(self) -> None:
         """End all fields that have begun: reading has stopped."""
         while self._open:

@@ -82,9 +82,6 @@ class Spans:
         self.names.append(".".join(str(name) for name, _ in self.open))
         self.leaves.append((self.open.pop()[1], at))
 
-    def part(self, name: str, start: int, past: int, value: Any) -> None:
-        self.leaves.append((start, past))
-
 
 @given(things())
 def test_what_is_packed_is_read(values: dict[str, Any]) -> None:

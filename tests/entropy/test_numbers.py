@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 
 import numpy as np
 import pytest
@@ -67,7 +67,8 @@ def test_a_model_moves_as_the_text_says() -> None:
         (lambda data: bytes(4) + data, "rans-seal"),
     ],
 )
-def test_damaged_streams_are_refused(change, refusal: str) -> None:  # type: ignore[no-untyped-def]
+def test_damaged_streams_are_refused(change: Callable[[bytes], bytes], refusal: str) -> None:
+    """Cut, lengthened, and with a word less or more."""
     numbers = [("a", n * n) for n in range(40)]
 
     def read_all() -> None:

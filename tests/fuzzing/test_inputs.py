@@ -64,9 +64,11 @@ def test_an_input_that_ends_the_process_is_a_finding_and_the_others_are_examined
 def test_a_varint_of_ten_bytes_is_refused_though_its_last_bits_leave_64(native: bool) -> None:
     """A number below 2^63 remains of what fits in 64 bits."""
     data = next(file.data for file in FILES if file.name == "neural-explicit-4")
-    count = lambda block: bytes([block[1] | 128, *[128] * 8, 2])  # noqa: E731
-    long = changed(data, BlockKind.LAYER, 2, lambda block: block[:1] + count(block) + block[2:])
-    assert decoded_by(long, native) == "bad-varint"
+
+    def with_long_count(block: bytes) -> bytes:
+        return block[:1] + bytes([block[1] | 128, *[128] * 8, 2]) + block[2:]
+
+    assert decoded_by(changed(data, BlockKind.LAYER, 2, with_long_count), native) == "bad-varint"
 
 
 @pytest.mark.parametrize("native", [False, True])
