@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -21,36 +20,20 @@ from tests.formats.scene_files import scene_ply
 
 REPOSITORY = Path(__file__).resolve().parents[2]
 
-Run = Callable[..., Result]
-Shell = Callable[..., subprocess.CompletedProcess[bytes]]
-
-
-@pytest.fixture
-def run() -> Run:
+def run(*arguments: object, input: bytes | None = None) -> Result:
     """Call the command in this process: run("inspect", path, input=b"...")."""
-
-    def call(*arguments: object, input: bytes | None = None) -> Result:
-        return CliRunner().invoke(cli, [str(argument) for argument in arguments], input=input)
-
-    return call
+    return CliRunner().invoke(cli, [str(argument) for argument in arguments], input=input)
 
 
-@pytest.fixture
-def shell() -> Shell:
+def python(*said: object, cwd: Path = REPOSITORY, input: bytes | None = None) -> subprocess.CompletedProcess[bytes]:
+    """Run Python in a process of its own that finds the packages here."""
+    command, env = [sys.executable, *map(str, said)], {**os.environ, "PYTHONPATH": str(REPOSITORY)}
+    return subprocess.run(command, cwd=cwd, input=input, capture_output=True, env=env, check=False, timeout=300)
+
+
+def shell(*arguments: object, cwd: Path, input: bytes | None = None) -> subprocess.CompletedProcess[bytes]:
     """Run the command in a process of its own, in another directory."""
-
-    def call(*arguments: object, cwd: Path, input: bytes | None = None) -> subprocess.CompletedProcess[bytes]:
-        return subprocess.run(
-            [sys.executable, "-m", "scarfmt", *map(str, arguments)],
-            cwd=cwd,
-            input=input,
-            capture_output=True,
-            env={**os.environ, "PYTHONPATH": str(REPOSITORY)},
-            check=False,
-            timeout=120,
-        )
-
-    return call
+    return python("-m", "scarfmt", *arguments, cwd=cwd, input=input)
 
 
 @pytest.fixture(scope="session")
@@ -63,14 +46,6 @@ def explicit_scar(folder: Path) -> Path:
     """Three layers, explicit profile."""
     path = folder / "explicit.scar"
     path.write_bytes(write_scene(random_scene(1, Profile.EXPLICIT)))
-    return path
-
-
-@pytest.fixture(scope="session")
-def anchor_scar(folder: Path) -> Path:
-    """Three layers, anchor profile."""
-    path = folder / "anchor.scar"
-    path.write_bytes(write_scene(random_scene(1, Profile.ANCHOR)))
     return path
 
 
@@ -98,7 +73,6 @@ def ply(folder: Path) -> Path:
 def encoded(folder: Path, ply: Path) -> Path:
     """`ply`, encoded fast."""
     path = folder / "encoded.scar"
-    arguments = ["encode", str(ply), str(path), "--effort", "1", "--layers", "2", "--quality", "35", "-q"]
-    result = CliRunner().invoke(cli, arguments)
+    result = run("encode", ply, path, "--effort", 1, "--layers", 2, "--quality", 35, "-q")
     assert result.exit_code == 0, result.output
     return path

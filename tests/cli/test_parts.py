@@ -9,7 +9,7 @@ import pytest
 from fuzz.testing.scenes import random_scene
 from scarfmt.coding.writer import write_scene
 from scarfmt.container.schema import Profile
-from tests.cli.conftest import Run
+from tests.cli.conftest import run
 
 
 @pytest.fixture(scope="session")
@@ -19,7 +19,7 @@ def many_tiles(folder: Path) -> Path:
     return path
 
 
-def test_numbered_files_are_merged_to_the_file(run: Run, many_tiles: Path, tmp_path: Path) -> None:
+def test_numbered_files_are_merged_to_the_file(many_tiles: Path, tmp_path: Path) -> None:
     result = run("split", many_tiles, tmp_path / "part.scar", "--files", 3)
     assert result.exit_code == 0, result.output
     parts = [tmp_path / f"part-{number}.scar" for number in (1, 2, 3)]
@@ -29,7 +29,7 @@ def test_numbered_files_are_merged_to_the_file(run: Run, many_tiles: Path, tmp_p
     assert (tmp_path / "again.scar").read_bytes() == many_tiles.read_bytes()
 
 
-def test_a_box_and_the_rest_are_merged_to_the_file(run: Run, many_tiles: Path, tmp_path: Path) -> None:
+def test_a_box_and_the_rest_are_merged_to_the_file(many_tiles: Path, tmp_path: Path) -> None:
     inside, rest = tmp_path / "a.scar", tmp_path / "b.scar"
     low, high = corner(many_tiles)
     box = ",".join(map(str, (*low, *high)))
@@ -55,14 +55,14 @@ def corner(path: Path) -> tuple[tuple[float, ...], tuple[float, ...]]:
 
 
 @pytest.mark.parametrize("box", ["1e9,1e9,1e9,2e9,2e9,2e9", "-1e300,-1e300,-1e300,1e300,1e300,1e300"])
-def test_a_box_that_divides_nothing_is_told(run: Run, many_tiles: Path, tmp_path: Path, box: str) -> None:
+def test_a_box_that_divides_nothing_is_told(many_tiles: Path, tmp_path: Path, box: str) -> None:
     result = run("split", many_tiles, tmp_path / "a.scar", "--box", box)
     assert result.exit_code == 2
     assert "input-box" in result.stderr
     assert list(tmp_path.iterdir()) == []
 
 
-def test_files_that_do_not_belong_together_leave_nothing(run: Run, many_tiles: Path, tmp_path: Path) -> None:
+def test_files_that_do_not_belong_together_leave_nothing(many_tiles: Path, tmp_path: Path) -> None:
     result = run("merge", many_tiles, many_tiles, "-o", tmp_path / "a.scar")
     assert result.exit_code == 1
     assert "input-overlap" in result.stderr

@@ -16,7 +16,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.cli.conftest import REPOSITORY, Run
+from tests.cli.conftest import REPOSITORY, run
 
 pytestmark = pytest.mark.skipif(os.name != "posix", reason="POSIX streams and names")
 
@@ -47,12 +47,9 @@ def sh(script: str, cwd: Path, **env: str) -> subprocess.CompletedProcess[bytes]
     return subprocess.run(["bash", "-c", command], cwd=cwd, capture_output=True, env=env, check=False, timeout=120)
 
 
-@pytest.mark.parametrize("command", ["inspect", "validate"])
-def test_a_pipe_is_an_input(run: Run, feed: Feed, explicit_scar: Path, command: str) -> None:
-    assert run(command, feed(explicit_scar)).exit_code == 0
-
-
-def test_a_pipe_is_decoded_and_truncated(run: Run, feed: Feed, explicit_scar: Path, tmp_path: Path) -> None:
+def test_a_pipe_is_inspected_validated_decoded_and_truncated(feed: Feed, explicit_scar: Path, tmp_path: Path) -> None:
+    for command in ("inspect", "validate"):
+        assert run(command, feed(explicit_scar)).exit_code == 0
     for name, arguments in (("decode", ("a.npz",)), ("truncate", ("a.scar", "--layers", 2))):
         target = tmp_path / str(arguments[0])
         assert run(name, feed(explicit_scar), target, *arguments[1:]).exit_code == 0
@@ -61,7 +58,7 @@ def test_a_pipe_is_decoded_and_truncated(run: Run, feed: Feed, explicit_scar: Pa
         assert target.read_bytes() == expected
 
 
-def test_a_pipe_is_encoded_as_its_file_is(run: Run, feed: Feed, ply: Path, tmp_path: Path) -> None:
+def test_a_pipe_is_encoded_as_its_file_is(feed: Feed, ply: Path, tmp_path: Path) -> None:
     options = ("--effort", 1, "--layers", 1, "--corrections", 0, "-q")
     for name, source in (("a.scar", ply), ("b.scar", feed(ply))):
         result = run("encode", source, tmp_path / name, *options)
@@ -69,7 +66,7 @@ def test_a_pipe_is_encoded_as_its_file_is(run: Run, feed: Feed, ply: Path, tmp_p
     assert (tmp_path / "a.scar").read_bytes() == (tmp_path / "b.scar").read_bytes()
 
 
-def test_pipes_are_compared_also_layer_by_layer(run: Run, feed: Feed, ply: Path, encoded: Path) -> None:
+def test_pipes_are_compared_also_layer_by_layer(feed: Feed, ply: Path, encoded: Path) -> None:
     """The layers of one pipe are all read from what came through it once."""
     view = ("--views", 1, "--size", "32x24", "--json", "--no-ssim")
     result = run("compare", feed(ply), feed(encoded), *view, "--all-layers")
@@ -148,7 +145,7 @@ def silent_server() -> Iterator[str]:
     "command", [("inspect",), ("validate",), ("decode", "out.ply"), ("truncate", "out.scar", "--layers", 1)]
 )
 def test_a_silent_server_is_left_after_the_time_given(
-    run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, command: tuple[object, ...]
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, command: tuple[object, ...]
 ) -> None:
     pytest.importorskip("aiohttp", reason="URLs need the extra http")
     monkeypatch.chdir(tmp_path)

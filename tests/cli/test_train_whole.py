@@ -4,18 +4,19 @@ from __future__ import annotations
 
 import os
 import signal
-import subprocess
 import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import pytest
+from click.testing import CliRunner
 
 import scarfmt
 from reference_encoder.training import run as trainer
 from reference_encoder.training.options import FINISHING, Progress
-from tests.cli.conftest import REPOSITORY, Run
+from scarfmt.cli import cli
+from tests.cli.conftest import python, run
 from tests.reference_encoder.training import captures
 
 SAID = ("--iterations", "30", "--layers", "2", "--seed", "3")
@@ -29,10 +30,6 @@ def capture(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope="module")
 def whole(capture: Path, tmp_path_factory: pytest.TempPathFactory) -> bytes:
     """The result of a training that nothing interrupts."""
-    from click.testing import CliRunner
-
-    from scarfmt.cli import cli
-
     target = tmp_path_factory.mktemp("whole") / "a.scar"
     result = CliRunner().invoke(cli, ["train", str(capture), str(target), *SAID])
     assert result.exit_code == 0, result.output
@@ -49,12 +46,10 @@ def test_the_file_keeps_every_rule_and_every_prefix_is_one(whole: bytes) -> None
 
 
 def test_killed_at_any_moment_the_same_command_goes_on_to_the_same_file(
-    run: Run, capture: Path, whole: bytes, tmp_path: Path
+    capture: Path, whole: bytes, tmp_path: Path
 ) -> None:
     """A training that is killed at any moment continues to the same file, and the same seed gives the same file."""
-    script = _KILLED.format(arguments=["train", str(capture), "a.scar", *SAID])
-    env = {**os.environ, "PYTHONPATH": str(REPOSITORY)}
-    done = subprocess.run([sys.executable, "-c", script], cwd=tmp_path, env=env, capture_output=True, check=False)
+    done = python("-c", _KILLED.format(arguments=["train", str(capture), "a.scar", *SAID]), cwd=tmp_path)
     assert done.returncode == -signal.SIGKILL, done.stderr
     assert [path.name for path in tmp_path.iterdir()] == ["a.scar.run"]
     result = run("train", capture, tmp_path / "a.scar", *SAID)
@@ -80,7 +75,7 @@ cli.main()
 
 @pytest.mark.skipif(sys.platform == "win32", reason="POSIX signals")
 def test_ctrl_c_gives_a_sound_file_early_and_can_be_gone_on_from(
-    run: Run, capture: Path, whole: bytes, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    capture: Path, whole: bytes, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Whether or not tests run where interrupts are ignored, as in the background of a shell."""
     train = trainer.train

@@ -45,11 +45,6 @@ def test_nothing_is_opened_on_request(opened: list[str]) -> None:
     assert "http://127.0.0.1:" in done.output
 
 
-def test_three_scenes_are_wrong_arguments(opened: list[str]) -> None:
-    done = CliRunner().invoke(cli, ["view", *[str(SCENE)] * 3])
-    assert (done.exit_code, opened) == (2, [])
-
-
 def test_what_is_no_scar_file_is_refused_before_a_browser_opens(opened: list[str], tmp_path: Path) -> None:
     other = tmp_path / "photo.scar"
     other.write_bytes(b"\x89PNG" * 100)

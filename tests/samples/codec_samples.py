@@ -16,8 +16,9 @@ from scarfmt.entropy.emitters import Emitter, SymbolCounter, SymbolWriter
 from scarfmt.entropy.keys import CONTEXTS, TableKey
 from scarfmt.entropy.symbol_reader import SymbolReader
 from scarfmt.entropy.symbol_tables import SymbolTable
-from scarfmt.errors import ScarError
+from scarfmt.errors import InvalidInput, LimitExceeded, ScarError, Unsupported
 
+Act = Callable[[], object]
 Put = Callable[[Emitter], None]
 Tables = Mapping[TableKey, SymbolTable]
 
@@ -63,11 +64,15 @@ def emitting(*groups: tuple[TableKey, list[int]]) -> SymbolReader:
     return reader_of(put)
 
 
-def refuses(refusal: str, act: Callable[[], object]) -> None:
-    """Assert that `act` raises an error with this refusal id."""
-    with pytest.raises(ScarError) as caught:
+def refuses(
+    refusal: str, act: Act, said: str | None = None, *, field: str | None = None, kind: type[ScarError] = ScarError
+) -> None:
+    """Assert that `act` raises an error with this refusal id and, if given, a pattern's words, a field, a kind."""
+    with pytest.raises(kind, match=said) as caught:
         act()
     assert caught.value.refusal == refusal
+    assert field is None or caught.value.field == field
+    assert isinstance(caught.value, InvalidInput | Unsupported | LimitExceeded) or not refusal.startswith("input-")
 
 
 class Recorder(Emitter):

@@ -25,7 +25,6 @@ from scarfmt.limits import MAX_FILE_LENGTH
 FIELDS = HeaderFields(Profile.EXPLICIT, 3, 1, 24, (-1.5, 0.0, 2.25), 0.001, 120, CoordinateFrame.RDF, ColourSpace.SRGB)
 TILES = [Tile(1, 2, 0), Tile(2, 3, 8), Tile(1, 2, 5)]
 COUNTS = [(10, 10), (25, 25), (100, 100)]
-PRIVATE_SAFE, PRIVATE_UNSAFE = 200, 201
 
 
 def sample_blocks() -> list[Block]:
@@ -41,7 +40,7 @@ def sample_blocks() -> list[Block]:
         Block(BlockKind.TILE, 2, b"one appears", 1, 15, {Stream.SCALE: 5}),
         Block(BlockKind.LAYER, 3, b"third"),
         Block(BlockKind.TILE, 3, b"one again", 1, 75, {Stream.COLOUR: 9}),
-        Block(PRIVATE_SAFE, 3, b"private", count=4, flags=BlockFlag.SAFE_TO_COPY),
+        Block(200, 3, b"private", count=4, flags=BlockFlag.SAFE_TO_COPY),
     ]
 
 
