@@ -12,18 +12,7 @@ from scarfmt.errors import InputWarning
 from scarfmt.formats import load
 from scarfmt.formats.quantise import opacities
 from scarfmt.scene.gaussians import GaussianScene
-from tests.formats.rad_files import (
-    Property,
-    centres,
-    chunk,
-    delta,
-    entry,
-    file,
-    lebytes,
-    plain,
-    planes,
-    small,
-)
+from tests.formats.rad_files import Property, centres, chunk, delta, entry, file, lebytes, plain, planes, small
 from tests.formats.scene_files import read_scene
 from tests.samples.codec_samples import refuses
 

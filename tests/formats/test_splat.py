@@ -7,9 +7,9 @@ import struct
 import numpy as np
 import pytest
 
-from scarfmt.errors import InvalidInput
 from scarfmt.formats import load
 from tests.formats.scene_files import read_scene, splat
+from tests.samples.codec_samples import refuses
 
 
 def test_fields() -> None:
@@ -29,5 +29,4 @@ def test_scale_without_logarithm_is_not_clamped() -> None:
 
 
 def test_partial_row_is_refused() -> None:
-    with pytest.raises(InvalidInput, match="32-byte"):
-        load(splat(2)[:-1], format="splat")
+    refuses("input-corrupt", lambda: load(splat(2)[:-1], format="splat"), "32-byte")

@@ -14,7 +14,7 @@ import pytest
 import zstandard
 
 from scarfmt.container.registries import RenderModel
-from scarfmt.errors import InputWarning, InvalidInput, LimitExceeded, ScarError
+from scarfmt.errors import InputWarning, InvalidInput, LimitExceeded
 from scarfmt.formats import load
 from scarfmt.formats.frame import flip_axes
 from scarfmt.formats.output import Described
@@ -52,8 +52,7 @@ def test_fields_as_stored(version: int, degree: int) -> None:
 
 def test_default_frame_is_that_of_inria_files() -> None:
     stored = load_spz(Source(spz(4)), frame="RUB")
-    scene = read_scene(spz(4))
-    np.testing.assert_array_equal(scene.positions, stored.positions * [1, -1, -1])
+    np.testing.assert_array_equal(read_scene(spz(4)).positions, stored.positions * [1, -1, -1])
 
 
 @pytest.mark.parametrize("signs", list(itertools.product((1, -1), repeat=3)))
@@ -122,8 +121,7 @@ def test_a_step_that_puts_all_positions_at_zero_is_refused(version: int) -> None
     data = spz(version)
     plain = data if version == 4 else gzip.decompress(data)
     forgotten = plain[:13] + b"\xff" + plain[14:]
-    with pytest.raises(InvalidInput, match="all lie at zero"):
-        load(forgotten if version == 4 else gzip.compress(forgotten))
+    refuses("input-corrupt", lambda: load(forgotten if version == 4 else gzip.compress(forgotten)), "all lie at zero")
 
 
 @pytest.mark.parametrize("version", [3, 4])
@@ -173,11 +171,6 @@ def test_declared_count_is_checked_before_memory_is_allocated(version: int, coun
         load(data if version == 4 else gzip.compress(data))
 
 
-@pytest.mark.parametrize("version", [1, 2, 3, 4])
-def test_empty_scene_is_read_as_empty(version: int) -> None:
-    assert len(load(spz(version, 0))) == 0
-
-
 def test_gzip_bomb_is_not_inflated() -> None:
     bomb = gzip.compress(gzip.decompress(spz(2)) + bytes(64 << 20))
     refuses("input-corrupt", lambda: load(bomb))
@@ -191,24 +184,20 @@ def test_zstd_frame_of_another_size_is_refused() -> None:
     packed = struct.unpack_from("<Q", data, table)[0]
     start = table + 5 * 16
     forged = data[:table] + struct.pack("<Q", len(bomb)) + data[table + 8 : start] + bomb + data[start + packed :]
-    with pytest.raises(InvalidInput, match="1048576"):
-        load(forged)
+    refuses("input-corrupt", lambda: load(forged), "1048576")
 
 
 @pytest.mark.parametrize("version", [2, 3, 4])
 def test_every_cut_is_refused(version: int) -> None:
     data = spz(version)
     for length in range(len(data)):
-        with pytest.raises(ScarError):
-            load(data[:length], format="spz")
+        refuses("input-corrupt", partial(load, data[:length], format="spz"))
 
 
 @pytest.mark.scene
 def test_the_same_real_figure_in_two_formats(shared_data: Path) -> None:
     """SPZ converted to RDF and compressed PLY agree within SPZ's grid of 1/4096, in shape and colour too."""
-    a, b = (load(shared_data / "splats" / f"biker.{kind}") for kind in ("spz", "compressed.ply"))
-    assert isinstance(a, GaussianScene)
-    assert isinstance(b, GaussianScene)
+    a, b = (read_scene(shared_data / "splats" / f"biker.{kind}") for kind in ("spz", "compressed.ply"))
     assert np.sqrt(((a.positions - b.positions) ** 2).sum(1).mean()) < 0.5 / 4096 * np.sqrt(3)
     cosine = np.abs((a.rotations * b.rotations).sum(1))
     assert np.percentile(cosine, 10) > 0.9999

@@ -13,6 +13,7 @@ from scarfmt.errors import InvalidInput, Unsupported
 from scarfmt.formats import detect, load
 from scarfmt.formats.source import Source
 from tests.formats.scene_files import read_scene, sog_files, zipped
+from tests.samples.codec_samples import refuses
 
 BOUND = {"min": [0, 0, 0], "max": [1, 1, 1]}
 
@@ -76,8 +77,7 @@ def test_every_file_of_a_zip_is_read_from_its_own_folder(tmp_path: Path) -> None
     np.testing.assert_array_equal(scene.positions, read_scene(path).positions)
     assert len(scene) == 14
     del files["scene/lod-meta.json"]
-    with pytest.raises(InvalidInput, match="4 scenes"):
-        load(zipped(files))
+    refuses("input-format", lambda: load(zipped(files)), "4 scenes")
 
 
 def test_bundled_chunks_and_environment_are_read(tmp_path: Path) -> None:
@@ -96,8 +96,7 @@ def test_files_from_before_there_was_a_version_are_read(tmp_path: Path) -> None:
     path.write_text(json.dumps(old | {"environment": None}))
     assert len(read_scene(path)) == 11
     path.write_text(json.dumps(index() | {"version": 2}))
-    with pytest.raises(Unsupported, match="streamed SOG version 2"):
-        load(path)
+    refuses("input-version", lambda: load(path), "streamed SOG version 2", kind=Unsupported)
 
 
 def test_runs_that_leave_some_out_are_obeyed(tmp_path: Path) -> None:
@@ -131,5 +130,4 @@ def test_an_index_that_does_not_fit_is_refused(tmp_path: Path, changes: dict[str
 
 
 def test_an_index_without_its_folders_asks_for_them() -> None:
-    with pytest.raises(InvalidInput, match="input-incomplete"):
-        load(json.dumps(index()).encode())
+    refuses("input-incomplete", lambda: load(json.dumps(index()).encode()))

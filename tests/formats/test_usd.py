@@ -22,6 +22,7 @@ from scarfmt.scene.gaussians import GaussianScene
 from scarfmt.scene.placement import Placement
 from tests.formats.scene_files import read_scene, zipped
 from tests.formats.test_descriptions import some_scene
+from tests.samples.codec_samples import refuses
 
 usd = pytest.importorskip("pxr.Usd", reason="usd-core is not installed")
 gf, geometry, volume, vt = (__import__(f"pxr.{name}", fromlist=["_"]) for name in ("Gf", "UsdGeom", "UsdVol", "Vt"))
@@ -201,5 +202,4 @@ def test_what_cannot_be_read_is_refused(
 
 
 def test_damage_is_refused() -> None:
-    with pytest.raises(InvalidInput, match="USD cannot open it"):
-        load(written(some_scene(20))[:200])
+    refuses("input-corrupt", lambda: load(written(some_scene(20))[:200]), "USD cannot open it")

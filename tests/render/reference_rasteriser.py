@@ -15,6 +15,8 @@ from numpy.typing import NDArray
 from scarfmt.arrays import F64
 from scarfmt.render.camera import Camera
 from scarfmt.scene.gaussians import GaussianScene
+from scarfmt.scene.placement import sh_basis
+from scarfmt.scene.rotation import matrix_from_quaternion
 
 
 @dataclass(frozen=True)
@@ -89,7 +91,9 @@ def visible_ellipses(
         adjugate = np.array([[covariance[1, 1], -covariance[0, 1]], [-covariance[0, 1], covariance[0, 0]]])
         mean = np.array([camera.fx * local[0] / local[2] + camera.cx, camera.fy * local[1] / local[2] + camera.cy])
         if colours is None:
-            colour = sh_colour(scene.sh[i].astype(np.float64), scene.positions[i] - camera.centre, degree)
+            direction = scene.positions[i] - camera.centre
+            basis = sh_basis(direction / np.linalg.norm(direction), degree)
+            colour = np.maximum(0.0, 0.5 + basis @ scene.sh[i, : len(basis)].astype(np.float64))
         else:
             colour = colours[i].astype(np.float64)
         opacity = sigmoid(float(scene.opacity_logits[i]))
@@ -110,48 +114,6 @@ def covariance_2d(scene: GaussianScene, index: int, camera: Camera, local: F64) 
     tx = min(limit_x, max(-limit_x, x / z)) * z
     ty = min(limit_y, max(-limit_y, y / z)) * z
     jacobian = np.array([[camera.fx / z, 0, -camera.fx * tx / z**2], [0, camera.fy / z, -camera.fy * ty / z**2]])
-    axes = rotation_matrix(scene.rotations[index].astype(np.float64)) * np.exp(
-        scene.log_scales[index].astype(np.float64)
-    )
+    axes = matrix_from_quaternion(scene.rotations[index][None])[0] * np.exp(scene.log_scales[index].astype(np.float64))
     projected = jacobian @ camera.world_to_camera[:3, :3] @ axes
     return np.asarray(projected @ projected.T + 0.3 * np.eye(2), dtype=np.float64)
-
-
-def rotation_matrix(quaternion: F64) -> F64:
-    """(3, 3) float64 of the quaternion w, x, y, z; any length, and zero stands for no rotation."""
-    if not quaternion.any():
-        return np.eye(3)
-    w, x, y, z = quaternion / np.abs(quaternion).max() / np.linalg.norm(quaternion / np.abs(quaternion).max())
-    return np.array(
-        [
-            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
-        ]
-    )
-
-
-def sh_colour(sh: F64, direction: F64, degree: int) -> F64:
-    """(3,) float64 colour max(0, 0.5 + sum of coefficients * basis) seen along `direction` (need not be a unit)."""
-    x, y, z = direction / np.linalg.norm(direction)
-    pi = math.pi
-    basis = [
-        0.5 * math.sqrt(1 / pi),
-        -math.sqrt(3 / (4 * pi)) * y,
-        math.sqrt(3 / (4 * pi)) * z,
-        -math.sqrt(3 / (4 * pi)) * x,
-        0.5 * math.sqrt(15 / pi) * x * y,
-        -0.5 * math.sqrt(15 / pi) * y * z,
-        0.25 * math.sqrt(5 / pi) * (3 * z * z - 1),
-        -0.5 * math.sqrt(15 / pi) * x * z,
-        0.25 * math.sqrt(15 / pi) * (x * x - y * y),
-        -0.25 * math.sqrt(35 / (2 * pi)) * y * (3 * x * x - y * y),
-        0.5 * math.sqrt(105 / pi) * x * y * z,
-        -0.25 * math.sqrt(21 / (2 * pi)) * y * (5 * z * z - 1),
-        0.25 * math.sqrt(7 / pi) * z * (5 * z * z - 3),
-        -0.25 * math.sqrt(21 / (2 * pi)) * x * (5 * z * z - 1),
-        0.25 * math.sqrt(105 / pi) * z * (x * x - y * y),
-        -0.25 * math.sqrt(35 / (2 * pi)) * x * (x * x - 3 * y * y),
-    ]
-    used = (degree + 1) ** 2
-    return np.asarray(np.maximum(0.0, 0.5 + np.array(basis[:used]) @ sh[:used]), dtype=np.float64)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 from dataclasses import replace
 from pathlib import Path
@@ -10,13 +9,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from scarfmt.errors import InvalidInput
 from scarfmt.render.compare import compare, compare_with_photos
 from scarfmt.render.images import read_image, to_bytes, write_png
 from scarfmt.render.metrics import psnr, ssim
 from scarfmt.render.rasterise import render
 from scarfmt.scene.gaussians import GaussianScene
 from tests.formats.scene_files import read_scene
+from tests.render.capture import files
+from tests.samples.codec_samples import refuses
 
 from .scenes import random_scene, small_camera
 
@@ -43,23 +43,16 @@ def test_a_scene_equals_itself_even_as_a_function() -> None:
 
 def test_no_cameras_are_refused() -> None:
     scene = random_scene(2)
-    with pytest.raises(InvalidInput, match="input-empty"):
-        compare(scene, scene, [])
+    refuses("input-empty", lambda: compare(scene, scene, []))
 
 
 def _photo_folder(folder: Path, scene: GaussianScene) -> None:
     camera = small_camera()
-    entry = {
-        "W": camera.width,
-        "H": camera.height,
-        **{key: getattr(camera, key) for key in ("fx", "fy", "cx", "cy")},
-        "world_to_camera": camera.world_to_camera.tolist(),
-    }
     (folder / "images").mkdir()
     write_png(folder / "images" / "good.png", render(scene, camera))
     write_png(folder / "images" / "black.png", np.zeros((camera.height, camera.width, 3)))
-    images = [entry | {"name": "good.png", "split": "test"}, entry | {"name": "black.png", "split": "train"}]
-    (folder / "cameras.json").write_text(json.dumps({"images": images}))
+    named = [replace(camera, name=f"{name}.png", split=split) for name, split in (("good", "test"), ("black", "train"))]
+    files.in_json(files.own(named), folder / "cameras.json")
 
 
 def test_photos_of_the_chosen_split_are_compared(tmp_path: Path) -> None:
@@ -71,8 +64,7 @@ def test_photos_of_the_chosen_split_are_compared(tmp_path: Path) -> None:
     assert result.psnr_db[0] == pytest.approx(psnr(exact, to_bytes(exact) / 255), abs=1e-3)
     assert compare_with_photos(scene, tmp_path / "cameras.json", split="train", ssim=False).worst_psnr_db < 15
     assert len(compare_with_photos(scene, tmp_path, split="").names) == 2
-    with pytest.raises(InvalidInput, match="input-empty"):
-        compare_with_photos(scene, tmp_path, split="validation")
+    refuses("input-empty", lambda: compare_with_photos(scene, tmp_path, split="validation"))
 
 
 @pytest.mark.scene
