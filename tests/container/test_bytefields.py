@@ -2,29 +2,15 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 import numpy as np
-import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from scarfmt.container.bytefields import (
-    ByteReader,
-    unsigned_varint,
-    unsigned_varints,
-)
-from scarfmt.errors import InvalidInput, LimitExceeded, Malformed, ScarError
-
-PAYLOAD = b"payload " * 30
-
-
-def refusal(act: object, *arguments: object) -> tuple[type[ScarError], str]:
-    assert callable(act)
-    with pytest.raises(ScarError) as caught:
-        act(*arguments)
-    return type(caught.value), caught.value.refusal
-
-
-# ------------------------------------------------------------------------------------------------ varints
+from scarfmt.container.bytefields import ByteReader, unsigned_varint, unsigned_varints
+from scarfmt.errors import LimitExceeded, Malformed, ScarError
+from tests.samples.codec_samples import refuses
 
 
 @given(st.integers(0, 2**63 - 1))
@@ -57,11 +43,8 @@ def test_every_accepted_varint_is_the_one_way_to_write_it(data: bytes, bits: int
 
 def test_a_negative_number_is_no_unsigned_varint() -> None:
     """The writer's fault is named, not looped over."""
-    assert refusal(unsigned_varint, -1) == (InvalidInput, "input-varint")
-    assert refusal(unsigned_varints, np.array([1, -1])) == (InvalidInput, "input-varint")
-
-
-# ------------------------------------------------------------------------------------------------ cursor
+    refuses("input-varint", lambda: unsigned_varint(-1))
+    refuses("input-varint", lambda: unsigned_varints(np.array([1, -1])))
 
 
 def test_the_cursor_never_leaves_the_payload() -> None:
@@ -69,11 +52,9 @@ def test_the_cursor_never_leaves_the_payload() -> None:
     reader = ByteReader(b"abcdef", "place")
     assert reader.take(2) == b"ab"
     assert reader.array("<u2", 1).tolist() == [int.from_bytes(b"cd", "little")]
-    assert refusal(reader.array, "<u4", 1) == (Malformed, "payload-short")
-    assert refusal(reader.take, 3) == (Malformed, "payload-short")
-    with pytest.raises(Malformed, match="place") as caught:
-        reader.finish()
-    assert caught.value.refusal == "payload-long"
+    refuses("payload-short", lambda: reader.array("<u4", 1), kind=Malformed)
+    refuses("payload-short", lambda: reader.take(3), kind=Malformed)
+    refuses("payload-long", reader.finish, "place", kind=Malformed)
     assert reader.take(2) == b"ef"
     reader.finish()
 
@@ -81,9 +62,9 @@ def test_the_cursor_never_leaves_the_payload() -> None:
 def test_counts_are_compared_before_anything_is_made_of_them() -> None:
     """A count above its limit is a limit, not damage: the caller may raise it."""
     assert ByteReader(unsigned_varint(5), "x").count(5) == 5
-    assert refusal(ByteReader(unsigned_varint(6), "x").count, 5) == (LimitExceeded, "count-limit")
-    assert refusal(ByteReader(unsigned_varint(2**63 - 1), "x").count, 5) == (LimitExceeded, "count-limit")
-    assert refusal(ByteReader(unsigned_varint(2**63), "x").count, 5) == (Malformed, "bad-varint")
+    for count in (6, 2**63 - 1):
+        refuses("count-limit", partial(ByteReader(unsigned_varint(count), "x").count, 5), kind=LimitExceeded)
+    refuses("bad-varint", partial(ByteReader(unsigned_varint(2**63), "x").count, 5), kind=Malformed)
 
 
 BYTES = st.one_of(st.integers(0, 255), st.sampled_from([0, 1, 0x7F, 0x80, 0x81, 0xFF]))

@@ -8,11 +8,13 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 
+from conformance.surgery.parts import flipped
 from scarfmt.container.file import Container, Entry, encode_front, read_header
 from scarfmt.container.paged import AT_ONCE_BYTES
 from scarfmt.container.schema import ENTRY_DTYPE, NO_TILE, TILE_DTYPE, BlockKind, Stream
 from scarfmt.container.source import BytesSource
 from scarfmt.errors import Malformed
+from tests.samples.codec_samples import refuses
 from tests.samples.container_samples import FIELDS
 
 LAYERS, TILES, PAGE_BITS = 3, 20000, 8
@@ -43,7 +45,7 @@ def scene() -> Scene:
     tiles["depth"] = 8
     tiles["shift"] = random.integers(0, 3, TILES)
     tiles["prefix"] = np.sort(random.choice(1 << 24, TILES, replace=False))
-    parts, counts, streams, anchors = [], [], [], 0
+    parts = []
     for layer in range(1, LAYERS + 1):
         models, blocks = np.zeros(2, ENTRY_DTYPE), np.zeros(3000 if layer == 2 else TILES, ENTRY_DTYPE)
         models["kind"], models["flags"], models["length"], models["tile"] = [1, 65], [1, 2], [90, 700], NO_TILE
@@ -53,12 +55,8 @@ def scene() -> Scene:
         rows = np.concatenate([models[:1], blocks, models[1:]])
         rows["layer"] = layer
         parts.append(rows)
-        anchors += int(blocks["count"].sum())
-        counts.append((anchors, anchors))
-        streams.append([0] * len(Stream))
-        streams[-1][Stream.MODELS], streams[-1][Stream.FRAMING] = 790, int(blocks["length"].sum())
     directory = np.concatenate(parts)
-    front = encode_front(FIELDS, tiles, directory, counts, streams, PAGE_BITS)
+    front = _front_of(directory, tiles)
     starts = np.cumsum(directory["length"], dtype=np.int64) - directory["length"]
     directory["offset"] = len(front) + starts
     return Scene(front, tiles, directory)
@@ -93,7 +91,8 @@ def test_loading_all_of_it_is_one_request() -> None:
 def test_a_small_directory_is_one_request_whatever_is_asked_of_it() -> None:
     """Asking for its parts would take longer than they do."""
     rows = scene().directory
-    source = Sparse(_front_of(rows[(rows["tile"] == NO_TILE) | (rows["tile"] < 8 * PAGE)], 8 * PAGE))
+    few = rows[(rows["tile"] == NO_TILE) | (rows["tile"] < 8 * PAGE)]
+    source = Sparse(_front_of(few, scene().tiles[: 8 * PAGE]))
     container = Container(source)
     assert container.header.data_offset < AT_ONCE_BYTES
     for tile in (0, 2000, 8 * PAGE - 1):
@@ -101,17 +100,16 @@ def test_a_small_directory_is_one_request_whatever_is_asked_of_it() -> None:
     assert source.reads == 2
 
 
-def _front_of(rows: np.ndarray, tiles: int) -> bytes:
-    """The front of the first tiles of the scene."""
+def _front_of(rows: np.ndarray, tiles: np.ndarray, page_bits: int = PAGE_BITS) -> bytes:
+    """The front of some tiles and of rows of the directory."""
     counts, streams, anchors = [], [], 0
     for layer in range(1, LAYERS + 1):
-        here = rows[rows["layer"] == layer]
-        blocks = here[here["kind"] == BlockKind.TILE]
+        blocks = rows[(rows["layer"] == layer) & (rows["kind"] == BlockKind.TILE)]
         anchors += int(blocks["count"].sum())
         counts.append((anchors, anchors))
         streams.append([0] * len(Stream))
         streams[-1][Stream.MODELS], streams[-1][Stream.FRAMING] = 790, int(blocks["length"].sum())
-    return encode_front(FIELDS, scene().tiles[:tiles], rows, counts, streams, PAGE_BITS)
+    return encode_front(FIELDS, tiles, rows, counts, streams, page_bits)
 
 
 def test_a_block_is_found_with_root_and_its_page() -> None:
@@ -171,36 +169,22 @@ def test_pages_beside_damage_can_be_used() -> None:
     """A page that is not needed is not read, so it is not refused either (R-5.5-11)."""
     container, _ = opened()
     page = container.root.rows[container.root.row_page(1, 30)]
-    damaged = bytearray(scene().front)
-    damaged[int(page["offset"]) + 9] ^= 1
-    container = Container(Sparse(bytes(damaged)))
+    container = Container(Sparse(flipped(scene().front, int(page["offset"]) + 9)))
     assert container.find(BlockKind.TILE, 1, 29 * PAGE) == _entry(1, 29 * PAGE)
     assert container.find(BlockKind.TILE, 3, 30 * PAGE) == _entry(3, 30 * PAGE)
     with pytest.raises(Malformed) as caught:
         container.find(BlockKind.TILE, 1, 30 * PAGE)
     assert (caught.value.refusal, caught.value.offset) == ("page-crc-mismatch", int(page["offset"]))
-    with pytest.raises(Malformed):
-        container.load(1)
+    refuses("page-crc-mismatch", lambda: container.load(1), kind=Malformed)
 
 
 def test_pages_of_other_sizes_say_the_same() -> None:
     """How many tiles are in a page changes no tile and no entry; nor does one that is not full."""
+    rows, tiles = scene().directory, scene().tiles[:900]
+    small = rows[(rows["tile"] == NO_TILE) | (rows["tile"] < 900)]
     for bits in (0, 3, 16):
-        rows = scene().directory
-        small = rows[(rows["tile"] == NO_TILE) | (rows["tile"] < 900)]
-        small = small[small["layer"] <= LAYERS]
-        front = _front_of(small, 900)
-        header = Container(Sparse(front)).header
-        again = encode_front(
-            header.fields,
-            scene().tiles[:900],
-            small,
-            [(layer.anchor_count, layer.gaussian_count) for layer in header.layers],
-            [layer.stream_bytes for layer in header.layers],
-            bits,
-        )
-        container = Container(Sparse(again)).load()
+        container = Container(Sparse(_front_of(small, tiles, bits))).load()
         assert container.header.page_count == -(-900 // (1 << bits))
-        assert (container.tile_table == scene().tiles[:900]).all()
+        assert (container.tile_table == tiles).all()
         names = [name for name in ENTRY_DTYPE.names if name != "offset"]
         assert (container.directory[names] == small[names]).all()

@@ -4,13 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from scarfmt.container.schema import (
-    STREAM_COUNT,
-    SUBSTREAM_RECORD,
-    Stream,
-    field_table,
-    numpy_dtype,
-)
+from scarfmt.container.schema import STREAM_COUNT, SUBSTREAM_RECORD, Stream, field_table, numpy_dtype
 from scarfmt.limits import DEFAULT_LIMITS, FORMAT_LIMITS
 
 

@@ -11,7 +11,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from scarfmt.container.source import HEAD_BYTES, BytesSource, FileSource, open_source, read_bounded
-from scarfmt.errors import InvalidInput, LimitExceeded, Truncated
+from scarfmt.errors import LimitExceeded, Truncated
+from tests.samples.codec_samples import refuses
 
 CONTENT = bytes(i * 7 % 251 for i in range(3 * HEAD_BYTES))
 
@@ -23,9 +24,7 @@ def test_bytes_source_gives_exact_ranges_or_truncated(data: bytes, offset: int, 
     if offset >= 0 and length >= 0 and offset + length <= len(data):
         assert source.read(offset, length) == data[offset : offset + length]
     else:
-        with pytest.raises(Truncated) as caught:
-            source.read(offset, length)
-        assert caught.value.refusal == "truncated-source"
+        refuses("truncated-source", lambda: source.read(offset, length), kind=Truncated)
 
 
 def test_file_source_reads_only_what_is_asked(tmp_path: Path) -> None:
@@ -37,8 +36,7 @@ def test_file_source_reads_only_what_is_asked(tmp_path: Path) -> None:
         assert source.read(100, 16) == CONTENT[100:116]
         assert source.read(5, 0) == b""
         assert (source.bytes_read, source.reads, source.size) == (16, 1, len(CONTENT))
-        with pytest.raises(Truncated):
-            source.read(len(CONTENT) - 1, 2)
+        refuses("truncated-source", lambda: source.read(len(CONTENT) - 1, 2), kind=Truncated)
 
 
 def test_a_file_that_shrinks_while_open_is_truncated(tmp_path: Path) -> None:
@@ -47,15 +45,7 @@ def test_a_file_that_shrinks_while_open_is_truncated(tmp_path: Path) -> None:
     path.write_bytes(CONTENT)
     with open_source(str(path)) as source:
         path.write_bytes(CONTENT[:10])
-        with pytest.raises(Truncated):
-            source.read(0, 11)
-
-
-def test_a_missing_file_is_invalid_input(tmp_path: Path) -> None:
-    """Opening fails with a message, not with a traceback of the operating system."""
-    with pytest.raises(InvalidInput) as caught:
-        open_source(tmp_path / "absent")
-    assert caught.value.refusal == "input-source"
+        refuses("truncated-source", lambda: source.read(0, 11), kind=Truncated)
 
 
 def test_bytes_of_any_kind_are_accepted() -> None:

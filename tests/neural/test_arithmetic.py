@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 
 from scarfmt.errors import Malformed
 from scarfmt.neural.arithmetic import MAX_SHIFT, Linear, amplitude, check_rows, half_step, round_shift
+from tests.samples.codec_samples import refuses
 
 
 @given(st.integers(-(2**40), 2**40), st.integers(0, MAX_SHIFT))
@@ -55,9 +56,7 @@ def test_one_more_than_the_bound_is_refused(seed: int, bits: int, shift: int) ->
 
 
 def refused(layer: Linear, amax: int = 511, refusal: str = "bad-network") -> None:
-    with pytest.raises(Malformed) as caught:
-        layer.check(amax, refusal)
-    assert caught.value.refusal == refusal
+    refuses(refusal, lambda: layer.check(amax, refusal), kind=Malformed)
 
 
 def test_the_limit_can_be_another() -> None:

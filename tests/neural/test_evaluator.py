@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -12,11 +13,10 @@ from hypothesis import strategies as st
 from conformance.writer.oracle import Oracle, frequencies_of
 from fuzz.testing.network_rows import first_rows, member_rows
 from scarfmt.arrays import I64
-from scarfmt.entropy.rans import TOTAL
-from scarfmt.errors import InvalidInput
 from scarfmt.neural.evaluator import Evaluator, frequency_rows
 from scarfmt.neural.network import Inputs
 from tests.neural.networks import Case, cases, random_books, random_network
+from tests.samples.codec_samples import refuses
 
 INPUTS = Inputs(classes=2, own=True, attributes=3, depths=1, latents=2, latent_shift=1, grid=2)
 
@@ -111,27 +111,14 @@ def test_member_blocks_are_the_member_rows_in_coding_order(seed: int, count: int
         assert weights.tolist() == alone[0].tolist()
 
 
-@pytest.mark.parametrize("size", [2, 256, 4096])
-def test_equal_logits_give_the_uniform_table_and_extreme_ones_leave_1(size: int) -> None:
-    """The limits of the frequency rule."""
-    rows = np.zeros((2, size), np.float32)
-    rows[1] = -(2**24 - 1)
-    rows[1, size // 2] = 2**24 - 1
-    for low in (0, -(2**24) + 1):
-        equal = np.full((2, size), low, np.float32)
-        found = frequency_rows(equal) + 1
-        bounds = [i * 65536 * (TOTAL - size) // (65536 * size) + i for i in range(size + 1)]
-        assert found.tolist() == [np.diff(bounds).tolist()] * 2
-    peak = frequency_rows(rows)[1]
-    assert peak.tolist() == [TOTAL - size if i == size // 2 else 0 for i in range(size)]
-
-
 @pytest.mark.parametrize("size", [2, 300, 4096])
 def test_sums_of_many_weights_are_exact(size: int) -> None:
-    """Weights of 1 among weights of 2^16: what binary32 would lose once sums pass 2^24."""
+    """Weights of 1 among weights of 2^16: what binary32 would lose once sums pass 2^24; equal and extreme logits."""
     rng = np.random.default_rng(size)
-    logits = rng.choice([0, 0, 0, -1, -40, -500, -511, -512], (3, size)).astype(np.float32)
+    logits = rng.choice([0, 0, 0, -1, -40, -500, -511, -512], (6, size)).astype(np.float32)
     logits[:, 0] = 0
+    logits[3:5], logits[5] = [[0], [-(2**24) + 1]], -(2**24) + 1
+    logits[5, size // 2] = 2**24 - 1
     found = frequency_rows(logits) + 1
     assert found.tolist() == [frequencies_of(row) for row in logits.astype(int).tolist()]
 
@@ -143,6 +130,4 @@ def test_indices_that_do_not_follow_are_refused() -> None:
     evaluator = Evaluator(random_network(rng, books, INPUTS, stages=2), books)
     one = evaluator.advance(evaluator.start(3), 1, np.zeros(3, np.int64))
     for state, stage, count in ((evaluator.start(3), 2, 3), (evaluator.start(3), 1, 2), (one, 2, 3)):
-        with pytest.raises(InvalidInput) as caught:
-            evaluator.advance(state, stage, np.zeros(count, np.int64))
-        assert caught.value.refusal == "input-stage"
+        refuses("input-stage", partial(evaluator.advance, state, stage, np.zeros(count, np.int64)))

@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 
 from scarfmt.neural.grid import MAX_EXTENT_BITS, MAX_RESOLUTION, MAX_TABLE_LOG2, GridLevel, HashGrid, check_grid
 
@@ -102,12 +101,3 @@ def test_chunks_and_order_do_not_matter() -> None:
         np.array_equal(grid.features(positions[row : row + 1])[0], features[row]) for row in range(0, 20000, 997)
     )
     assert grid.features(positions[:0]).shape == (0, grid.width)
-
-
-def test_features_vary_smoothly_between_vertices() -> None:
-    """Along an axis the value runs straight from one vertex to the next, and never reaches -128."""
-    bits: NDArray[np.uint8] = np.array([[0], [1], [1]], np.uint8)
-    grid = HashGrid((0, 0, 0), 4, (GridLevel(4, 2, 2, 1),), (bits,))
-    positions = np.zeros((16, 3), np.int64)
-    positions[:, 0] = np.arange(16)
-    assert grid.features(positions)[:, 0].tolist() == [-127, -96, -64, -32, 0, 32, 64, 96, *[127] * 8]

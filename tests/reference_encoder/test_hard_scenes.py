@@ -13,9 +13,10 @@ from numpy.typing import NDArray
 from reference_decoder.decode import decode
 from reference_encoder.encode import EncodeOptions, encode
 from scarfmt.container.source import BytesSource
-from scarfmt.errors import InvalidInput
 from scarfmt.scene.gaussians import GaussianScene
+from scarfmt.tools.inspection import inspect
 from scarfmt.tools.validate import validate
+from tests.samples.codec_samples import refuses
 
 
 def cloud(count: int, degree: int = 0, seed: int = 0, spread: float = 1.0) -> GaussianScene:
@@ -43,10 +44,6 @@ def _spoil(rotations: NDArray[Any]) -> None:
     rotations[2::4] *= 1e20
 
 
-def _flat() -> GaussianScene:
-    return _rows_changed("log_scales", lambda rows: rows.__setitem__((slice(None), 2), np.log(1e-20)))
-
-
 SCENES: dict[str, Callable[[], GaussianScene]] = {
     "one": lambda: cloud(1),
     "all-in-one-point": lambda: _rows_changed("positions", lambda rows: rows.fill(0.25)),
@@ -58,7 +55,7 @@ SCENES: dict[str, Callable[[], GaussianScene]] = {
     "outliers": lambda: _rows_changed("positions", lambda rows: np.multiply(rows[:8], 1e4, out=rows[:8])),
     "hard-opacities": lambda: _rows_changed("opacity_logits", lambda rows: np.copyto(rows, np.tile([-400, 400], 200))),
     "bad-quaternions": lambda: _rows_changed("rotations", _spoil),
-    "flat": _flat,
+    "flat": lambda: _rows_changed("log_scales", lambda rows: rows[:, 2].fill(np.log(1e-20))),
     "duplicates": lambda: cloud(200).take(np.repeat(np.arange(200), 3)),
 }
 QUICK = EncodeOptions(effort=1, layers=3, quality=50)
@@ -90,7 +87,7 @@ def test_flat_scale_is_kept() -> None:
 
     It is raised to a tenth of what a pixel blurs (decision 0028), in this scene 0.0003 to 0.0008 of a splat 0.06 wide.
     """
-    decoded = decode(encode(_flat(), QUICK)).scene
+    decoded = decode(encode(SCENES["flat"](), QUICK)).scene
     thinner = decoded.log_scales.max(axis=1) - decoded.log_scales.min(axis=1)
     assert decoded.log_scales.min(axis=1).max() < -7
     assert thinner.min() > np.log(50)
@@ -110,8 +107,6 @@ def test_zero_rest_coefficients_cost_nothing() -> None:
     """A degree-3 scene whose rest coefficients are all zero carries no codebook, decoder or index."""
     scene = cloud(500, 3)
     scene.sh[:, 1:] = 0
-    from scarfmt.tools.inspection import inspect
-
     data = encode(scene, QUICK)
     streams = inspect(BytesSource(data))["layers"]
     assert all(layer["streams"]["indices"] == 0 and layer["streams"]["latent"] == 0 for layer in streams)
@@ -120,8 +115,7 @@ def test_zero_rest_coefficients_cost_nothing() -> None:
 
 def test_empty_scene_is_refused() -> None:
     """Nothing to encode is said clearly."""
-    with pytest.raises(InvalidInput, match="input-empty"):
-        encode(cloud(3).take(np.zeros(0, np.int64)), QUICK)
+    refuses("input-empty", lambda: encode(cloud(3).take(np.zeros(0, np.int64)), QUICK))
 
 
 @pytest.mark.parametrize("huge", [1 << 20, -(1 << 20)])
@@ -133,5 +127,4 @@ def test_the_largest_coefficients_that_are_taken_come_back(huge: float) -> None:
         warnings.simplefilter("error")
         data = encode(scene, EncodeOptions(effort=1, layers=2, corrections=0))
     found = decode(data).scene
-    assert isinstance(found, GaussianScene)
     assert np.abs(found.sh[:, 0, 1] / huge - 1).min() < 1e-3

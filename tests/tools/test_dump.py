@@ -100,14 +100,6 @@ def test_a_damaged_block_does_not_hide_the_next() -> None:
     assert any(row.field.startswith("layer 1 TABLES.numbers") for row in rows)
 
 
-def test_kinds_can_be_chosen() -> None:
-    """Then nothing else is listed."""
-    data = write_scene(random_scene(3))
-    rows = list(Dump(BytesSource(data), kinds={BlockKind.TABLES}).rows())
-    assert rows
-    assert {row.field.split(".")[0].split()[2] for row in rows} == {"TABLES"}
-
-
 def test_only_the_first_of_many_items_are_listed() -> None:
     """Unless all are wanted; the rest is one row."""
     data = write_scene(random_scene(3))

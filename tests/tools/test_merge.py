@@ -6,20 +6,21 @@ import io
 from dataclasses import replace
 
 import numpy as np
-import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from conformance.surgery.parts import flipped
 from fuzz.testing.scenes import random_scene
 from scarfmt.coding.writer import write_scene
 from scarfmt.container.file import Container
 from scarfmt.container.schema import Profile
 from scarfmt.container.source import BytesSource
-from scarfmt.errors import InvalidInput, Malformed
+from scarfmt.errors import Malformed
 from scarfmt.tools.merge import merge_to
 from scarfmt.tools.split import even_parts, split_to
 from scarfmt.tools.truncate import truncate
 from tests.blocks.test_streaming import random_boxes
+from tests.samples.codec_samples import refuses
 
 
 def written(profile: Profile, streaming: bool = False) -> bytes:
@@ -63,30 +64,24 @@ def test_one_file_is_merged_to_itself() -> None:
     assert merge([FILES[Profile.EXPLICIT]]) == FILES[Profile.EXPLICIT]
 
 
-def refused(files: list[bytes]) -> str:
-    with pytest.raises(InvalidInput) as caught:
-        merge(files)
-    return caught.value.refusal
-
-
 def test_other_models_are_refused() -> None:
     """The indices and tables of the other file would mean something else."""
     scene = random_scene(3, Profile.EXPLICIT, tiles=8)
     wider = replace(scene.model.channels[-1], first_width=(0.5,) * scene.model.channels[-1].components)
     other = replace(scene, model=replace(scene.model, channels=(*scene.model.channels[:-1], wider)))
-    assert refused([halves(write_scene(scene))[0], halves(write_scene(other))[1]]) == "input-models-differ"
+    refuses("input-models-differ", lambda: merge([halves(write_scene(scene))[0], halves(write_scene(other))[1]]))
 
 
 def test_another_lattice_is_refused() -> None:
     """The same integers would lie elsewhere on another lattice."""
     scene = random_scene(3, Profile.EXPLICIT, tiles=8)
     other = replace(scene, fields=replace(scene.fields, origin=(9.0, 9.0, 9.0)))
-    assert refused([halves(write_scene(scene))[0], halves(write_scene(other))[1]]) == "input-fields-differ"
+    refuses("input-fields-differ", lambda: merge([halves(write_scene(scene))[0], halves(write_scene(other))[1]]))
 
 
 def test_fewer_layers_are_refused() -> None:
     first, second = halves(FILES[Profile.EXPLICIT])
-    assert refused([first, truncate(BytesSource(second), 1)]) == "input-models-differ"
+    refuses("input-models-differ", lambda: merge([first, truncate(BytesSource(second), 1)]))
 
 
 def test_annotations_that_differ_are_left_out() -> None:
@@ -104,6 +99,4 @@ def test_boxes_are_left_out_where_not_all_files_have_them() -> None:
 
 def test_damage_is_not_copied() -> None:
     first, second = halves(FILES[Profile.EXPLICIT])
-    with pytest.raises(Malformed) as caught:
-        merge([first, second[:-1] + bytes([second[-1] ^ 1])])
-    assert caught.value.refusal == "crc-mismatch"
+    refuses("crc-mismatch", lambda: merge([first, flipped(second, -2)]), kind=Malformed)

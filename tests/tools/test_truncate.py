@@ -9,6 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from conformance.surgery.parts import flipped
 from scarfmt.container.file import Block, Container, write_container
 from scarfmt.container.schema import READABLE_KINDS, BlockFlag
 from scarfmt.container.source import BytesSource
@@ -16,16 +17,8 @@ from scarfmt.errors import Malformed, Truncated, Unsupported
 from scarfmt.limits import FORMAT_LIMITS
 from scarfmt.tools import assemble
 from scarfmt.tools.truncate import truncate, truncate_to
-from tests.samples.container_samples import (
-    COUNTS,
-    FIELDS,
-    PRIVATE_SAFE,
-    PRIVATE_UNSAFE,
-    TILES,
-    containers,
-    sample_blocks,
-    sample_file,
-)
+from tests.samples.codec_samples import refuses
+from tests.samples.container_samples import COUNTS, FIELDS, TILES, containers, sample_blocks, sample_file
 
 
 @settings(deadline=None)
@@ -50,8 +43,8 @@ def test_truncating_in_steps_equals_truncating_at_once() -> None:
 
 def test_unknown_blocks_are_copied_only_when_that_is_safe() -> None:
     """An editor cannot know what an unsafe annotation says about the dropped layers."""
-    safe = Block(PRIVATE_SAFE, 1, b"safe", flags=BlockFlag.SAFE_TO_COPY)
-    unsafe = Block(PRIVATE_UNSAFE, 1, b"unsafe", flags=0)
+    safe = Block(200, 1, b"safe", flags=BlockFlag.SAFE_TO_COPY)
+    unsafe = Block(201, 1, b"unsafe", flags=0)
     base = sample_blocks()
     data = write_container(FIELDS, TILES, [*base, safe, unsafe], COUNTS)
     kept = [block for block in base if block.layer <= 2]
@@ -61,27 +54,20 @@ def test_unknown_blocks_are_copied_only_when_that_is_safe() -> None:
 
 def test_unknown_critical_blocks_stop_the_editor() -> None:
     """Even in a layer that would be dropped: the file is not understood."""
-    critical = Block(PRIVATE_SAFE, 2, b"new", flags=BlockFlag.CRITICAL)
+    critical = Block(200, 2, b"new", flags=BlockFlag.CRITICAL)
     data = write_container(FIELDS, TILES, [*sample_blocks(), critical], COUNTS)
-    with pytest.raises(Unsupported) as caught:
-        truncate(BytesSource(data), 1)
-    assert caught.value.refusal == "unknown-critical-block"
+    refuses("unknown-critical-block", lambda: truncate(BytesSource(data), 1), kind=Unsupported)
 
 
 def test_damage_is_not_copied() -> None:
     """Blocks are verified on the way: a damaged file does not become a valid-looking one."""
-    data = bytearray(sample_file())
-    data[Container(BytesSource(bytes(data))).entries[1].offset] ^= 1
-    with pytest.raises(Malformed) as caught:
-        truncate(BytesSource(bytes(data)), 1)
-    assert caught.value.refusal == "crc-mismatch"
+    data = flipped(sample_file(), Container(BytesSource(sample_file())).entries[1].offset)
+    refuses("crc-mismatch", lambda: truncate(BytesSource(data), 1), kind=Malformed)
 
 
 def test_damage_in_dropped_layers_does_not_matter() -> None:
     """Only what is kept is read."""
-    data = sample_file()
-    source = BytesSource(data[:-1] + bytes([data[-1] ^ 1]))
-    assert truncate(source, 2) == sample_file(2)
+    assert truncate(BytesSource(flipped(sample_file(), -2)), 2) == sample_file(2)
 
 
 def test_a_partial_download_becomes_a_whole_file() -> None:
@@ -89,9 +75,7 @@ def test_a_partial_download_becomes_a_whole_file() -> None:
     data = sample_file()
     end = Container(BytesSource(data)).header.layers[1].end_offset
     assert truncate(BytesSource(data[: end + 3]), 2) == sample_file(2)
-    with pytest.raises(Truncated) as caught:
-        truncate(BytesSource(data[: end - 1]), 2)
-    assert caught.value.refusal == "truncated-block"
+    refuses("truncated-block", lambda: truncate(BytesSource(data[: end - 1]), 2), kind=Truncated)
 
 
 def test_large_blocks_are_copied_in_pieces(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -12,6 +12,7 @@ from reference_encoder.importance.weights import weigh_scene
 from reference_encoder.tuning import SURVEY_POWER
 from scarfmt.render.rasterise import contributions_by_view
 from scarfmt.render.viewpoints import Upright
+from scarfmt.scene.gaussians import GaussianScene
 from tests.render.scenes import random_scene, small_camera
 
 
@@ -28,15 +29,16 @@ def test_weights_are_power_means_over_views_and_kinds() -> None:
     np.testing.assert_allclose(found.colour, np.maximum(expected, found.floor.colour), rtol=1e-5)
 
 
+def of_sizes_and_opacities() -> GaussianScene:
+    """A small Gaussian, a large one, a faint and a transparent one."""
+    sizes = np.log(np.float32([[0.005] * 3, [0.01] * 3, [0.01] * 3, [0.01] * 3]))
+    return replace(random_scene(5, 4), log_scales=sizes, opacity_logits=np.float32([3, 3, -3, -20]))
+
+
 def test_what_nobody_sees_weighs_the_floor() -> None:
     """Behind every view: the floor, which grows with opacity and size; transparent ones weigh nothing."""
-    scene = random_scene(5, 4)
-    hidden = replace(
-        scene,
-        positions=scene.positions * 0 - np.array([0, 0, 100.0]),
-        log_scales=np.log(np.float32([[0.005] * 3, [0.01] * 3, [0.01] * 3, [0.01] * 3])),
-        opacity_logits=np.float32([3, 3, -3, -20]),
-    )
+    scene = of_sizes_and_opacities()
+    hidden = replace(scene, positions=scene.positions * 0 - np.array([0, 0, 100.0]))
     found = weigh_scene(hidden, SurveyViews({"orbit": [small_camera()]}, {"orbit": 1.0}, 1.0, Upright("-y")))
     assert found.largest.max() == 0
     small, large, faint, transparent = found.shape

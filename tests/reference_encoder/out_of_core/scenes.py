@@ -45,14 +45,14 @@ def equal(a: GaussianScene, b: GaussianScene) -> bool:
 
 
 def binned(
-    origin: str, work: WorkDir, *, rows: int, range_size: int, tile: int
+    origin: str, work: WorkDir, *, rows: int, range_size: int, tile: int, drop: bool = False
 ) -> tuple[Bounds, tuple[Range, ...], int]:
     """Scan, cut and bin, one task after another; bounds, ranges, and the number of chunks."""
     chunks = find_inputs(origin, rows).chunks
-    bounds = bounds_of([scan_chunk(chunk) for chunk in chunks], False, None)
+    bounds = bounds_of([scan_chunk(chunk) for chunk in chunks], drop, None)
     names = [f"counts/{chunk.number}" for chunk in chunks]
     for name, chunk in zip(names, chunks, strict=True):
-        count_chunk(work, name, chunk, bounds, True, 6)
+        count_chunk(work, name, chunk, bounds, not drop, 6)
     ranges = partition(first_cells(*counts_in(work, names), 6), range_size, tile)
-    write_index(work, [bin_chunk(work, chunk, bounds, True, ranges) for chunk in chunks])
+    write_index(work, [bin_chunk(work, chunk, bounds, not drop, ranges) for chunk in chunks])
     return bounds, ranges, len(chunks)

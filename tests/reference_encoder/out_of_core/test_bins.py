@@ -8,9 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from reference_encoder.out_of_core.bins import bin_chunk, load_range, write_index
-from reference_encoder.out_of_core.scan import bounds_of, count_chunk, counts_in, first_cells, partition, scan_chunk
-from reference_encoder.out_of_core.source import find_inputs
+from reference_encoder.out_of_core.bins import load_range, write_index
 from reference_encoder.out_of_core.work_dir import WorkDir
 from scarfmt.scene.gaussians import GaussianScene
 from tests.reference_encoder.out_of_core.scenes import binned, clusters, equal, ply_of
@@ -46,14 +44,8 @@ def test_what_cannot_be_encoded_is_left_out(tmp_path: Path) -> None:
     logits = scene.opacity_logits.copy()
     logits[[3, 120, 121]] = np.nan
     origin, work = ply_of(replace(scene, opacity_logits=logits), tmp_path), WorkDir(str(tmp_path / "work"))
-    chunks = find_inputs(origin, 100).chunks
-    bounds = bounds_of([scan_chunk(chunk) for chunk in chunks], True, None)
-    names = [f"counts/{chunk.number}" for chunk in chunks]
-    for name, chunk in zip(names, chunks, strict=True):
-        count_chunk(work, name, chunk, bounds, False, 6)
-    ranges = partition(first_cells(*counts_in(work, names), 6), 1000, 1000)
-    write_index(work, [bin_chunk(work, chunk, bounds, False, ranges) for chunk in chunks])
-    assert equal(load_range(work, len(chunks), bounds, 0), scene.take(np.isfinite(logits)))
+    bounds, _, chunks = binned(origin, work, rows=100, range_size=1000, tile=1000, drop=True)
+    assert equal(load_range(work, chunks, bounds, 0), scene.take(np.isfinite(logits)))
 
 
 def test_files_of_lower_degree_get_zeros(tmp_path: Path) -> None:

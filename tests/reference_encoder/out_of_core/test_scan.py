@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -32,6 +33,7 @@ from scarfmt.formats.clean import clean
 from scarfmt.limits import MAX_TILE_DEPTH
 from scarfmt.scene.gaussians import GaussianScene
 from tests.reference_encoder.out_of_core.scenes import clusters, ply_of
+from tests.samples.codec_samples import refuses
 
 
 def spoiled(name: str, row: int, value: float) -> GaussianScene:
@@ -60,9 +62,7 @@ def test_what_cannot_be_encoded_is_refused_by_its_row(tmp_path: Path, name: str,
     scans = [scan_chunk(chunk) for chunk in find_inputs(ply_of(scene, tmp_path), 8).chunks]
     with pytest.raises(InvalidInput) as whole:
         clean(scene)
-    with pytest.raises(InvalidInput, match=r"row 17 of .*scene\.ply") as caught:
-        bounds_of(scans, False, None)
-    assert caught.value.refusal == whole.value.refusal
+    refuses(whole.value.refusal, lambda: bounds_of(scans, False, None), r"row 17 of .*scene\.ply")
     cached, dropped = clean(scene, drop_invalid=True)
     bounds = bounds_of(scans, True, None)
     assert (bounds.count, dropped) == (29, 1)
@@ -75,9 +75,7 @@ def test_a_scene_of_nothing_is_refused(tmp_path: Path) -> None:
     bad = replace(empty, **{name: getattr(spoiled("sh", 0, np.nan), name)[:1] for name in empty.arrays()})
     for scene, message in ((empty, "no Gaussians"), (bad, "nothing is left")):
         chunks = find_inputs(ply_of(scene, tmp_path, f"{len(scene)}.ply"), 8).chunks
-        with pytest.raises(InvalidInput, match=message) as caught:
-            bounds_of([scan_chunk(chunk) for chunk in chunks], True, None)
-        assert caught.value.refusal == "input-empty"
+        refuses("input-empty", partial(bounds_of, [scan_chunk(chunk) for chunk in chunks], True, None), message)
 
 
 def test_counts_of_chunks_add_up_and_crowded_cells_are_counted_deeper(tmp_path: Path) -> None:

@@ -16,7 +16,6 @@ def _vectors(count: int = 500, width: int = 9, rank: int = 3, seed: int = 0) -> 
 def test_vectors_of_low_rank_need_few_dimensions_and_come_back() -> None:
     x = _vectors()
     latent = fit_latent(x, np.ones(len(x)), tolerance=1e-3)
-    assert latent is not None
     assert latent.values.shape == (500, 3)
     assert np.abs(latent.decoder.apply(latent.values) - x).max() < 5e-3 * np.abs(x).max()
 
@@ -24,7 +23,6 @@ def test_vectors_of_low_rank_need_few_dimensions_and_come_back() -> None:
 def test_squared_latent_distance_is_squared_error_times_weight() -> None:
     x, weight = _vectors(), np.linspace(0.5, 2, 500)
     latent = fit_latent(x, weight, tolerance=1e-3)
-    assert latent is not None
     moved = latent.values + np.float32([3, -2, 1])
     change = latent.decoder.apply(moved, np.float64) - latent.decoder.apply(latent.values, np.float64)
     np.testing.assert_allclose(weight * (change**2).sum(axis=1), latent.weight * 14.0, rtol=2e-3)
@@ -34,7 +32,6 @@ def test_dropped_dimensions_lose_less_than_the_tolerance() -> None:
     x = _vectors()
     tolerance = 0.05 * float((x.astype(np.float64) ** 2).sum())
     latent = fit_latent(x, np.ones(len(x)), tolerance)
-    assert latent is not None
     assert latent.values.shape[1] < 3
     assert ((latent.decoder.apply(latent.values, np.float64) - x) ** 2).sum() <= tolerance
 
@@ -44,7 +41,6 @@ def test_a_metric_makes_latent_distance_the_metrics_distance() -> None:
     factor = draw.normal(size=(9, 9))
     metric = factor @ factor.T + np.eye(9)
     latent = fit_latent(x + 4, np.ones(len(x)), 1e-3, metric)
-    assert latent is not None
     assert np.abs(latent.decoder.apply(latent.values) - x - 4).max() < 5e-3 * np.abs(x).max()
     moved = latent.values + np.float32([3, -2, 1])
     change = latent.decoder.apply(moved, np.float64) - latent.decoder.apply(latent.values, np.float64)

@@ -16,6 +16,7 @@ from scarfmt.render.camera import Camera, orbit_cameras
 from scarfmt.render.images import to_bytes
 from scarfmt.render.rasterise import render
 from scarfmt.scene.gaussians import GaussianScene
+from tests.formats import scene_files
 from tests.render.capture import files
 
 PHOTOS = 8
@@ -57,19 +58,11 @@ def write_photos(views: Sequence[Camera], folder: Path) -> None:
 
 def ply(positions: F64, colours: U8 | None) -> bytes:
     """A point cloud as structure from motion leaves it."""
-    names = "".join(f"property float {axis}\n" for axis in "xyz")
-    fields = [(axis, "<f4") for axis in "xyz"]
+    properties, rows = [("float", axis) for axis in "xyz"], positions
     if colours is not None:
-        names += "".join(f"property uchar {name}\n" for name in ("red", "green", "blue"))
-        fields += [(name, "|u1") for name in ("red", "green", "blue")]
-    rows = np.empty(len(positions), fields)
-    for index, axis in enumerate("xyz"):
-        rows[axis] = positions[:, index]
-    if colours is not None:
-        for index, name in enumerate(("red", "green", "blue")):
-            rows[name] = colours[:, index]
-    head = f"ply\nformat binary_little_endian 1.0\nelement vertex {len(rows)}\n{names}end_header\n"
-    return head.encode() + rows.tobytes()
+        properties += [("uchar", name) for name in ("red", "green", "blue")]
+        rows = np.concatenate([positions, colours], axis=1)
+    return scene_files.ply(properties, rows)
 
 
 def points() -> tuple[F64, U8]:

@@ -6,15 +6,14 @@ from torch.utils import deterministic
 
 from reference_encoder.training import device
 from reference_encoder.training.device import noise_generator, reproducible, run_device
-from scarfmt.errors import InvalidInput, missing_package
+from scarfmt.errors import missing_package
+from tests.samples.codec_samples import refuses
 
 
 def test_a_gpu_that_is_not_there_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     """One line, before anything is trained."""
     monkeypatch.setattr(torch.cuda, "is_available", lambda: False)
-    with pytest.raises(InvalidInput, match="no CUDA GPU") as caught:
-        run_device("cuda")
-    assert (caught.value.refusal, caught.value.field) == ("input-options", "device")
+    refuses("input-options", lambda: run_device("cuda"), "no CUDA GPU", field="device")
     assert run_device("cpu") == torch.device("cpu")
 
 
@@ -26,9 +25,7 @@ def test_a_gpu_without_triton_is_refused_by_the_extra_to_install(monkeypatch: py
 
     monkeypatch.setattr(torch.cuda, "is_available", lambda: True)
     monkeypatch.setattr(device, "kernels", missing)
-    with pytest.raises(InvalidInput, match=r"triton.*scarfmt\[cuda\]") as caught:
-        run_device("cuda")
-    assert caught.value.refusal == "input-dependency"
+    refuses("input-dependency", lambda: run_device("cuda"), r"triton.*scarfmt\[cuda\]")
 
 
 @pytest.mark.parametrize("name", ["cpu", "meta"])

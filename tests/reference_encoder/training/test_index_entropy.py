@@ -57,11 +57,8 @@ def test_the_file_decodes_to_the_same_indices(scene: QuantisedScene, paper: bool
     for _ in range(5):
         joint.step()
     learned = joint.finish(scene)
-    assert learned is not None
     _assert_comes_back(learned, write_scene(learned))
     network, grid = learned.network, learned.grid
-    assert network is not None
-    assert grid is not None
     assert (network.attention is not None, len(network.gru), network.inputs.own) == (paper, 1 + paper, not paper)
     seen = describe_models(BytesSource(write_scene(learned)))["index_network"]["inputs"]
     assert (seen["decoded"], seen["grid"] > 0) == (not paper, True)
@@ -90,7 +87,6 @@ def test_what_was_learnt_is_kept_when_codewords_get_other_numbers(scene: Quantis
     for _ in range(40):
         joint.step()
     books = scene.codebooks
-    assert books is not None
     turned = replace(books, coarse=books.coarse[::-1].copy(), residual=books.residual[::-1].copy())
     contents = tuple(replace(content, indices=_turned(scene, content)) for content in scene.contents)
     joint.refresh(replace(scene, codebooks=turned, contents=contents))

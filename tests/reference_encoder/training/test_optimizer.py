@@ -46,21 +46,6 @@ def test_a_share_of_nothing_stands_still() -> None:
     assert descent.parameters["x"].tolist() != [1.0, 1.0]
 
 
-CPU = torch.device("cpu")
-
-
-def test_a_parameter_settles_on_the_mean_of_what_it_was() -> None:
-    """The leaf stays the same tensor: Adam and the anchors hold it."""
-    weight = torch.zeros(3, requires_grad=True)
-    averages = WeightAverage()
-    for value in (1.0, 2.0, 6.0):
-        weight.data.fill_(value)
-        averages.update({"weight": weight})
-    averages.apply({"weight": weight})
-    assert weight.tolist() == pytest.approx([3.0] * 3)
-    assert averages.count == 0
-
-
 def test_where_nothing_was_taken_nothing_changes() -> None:
     """Also the second time that means settle."""
     weight = torch.ones(2, requires_grad=True)
@@ -71,23 +56,6 @@ def test_where_nothing_was_taken_nothing_changes() -> None:
     weight.data.fill_(5.0)
     averages.apply({"weight": weight})
     assert weight.tolist() == [5.0, 5.0]
-
-
-def test_a_checkpoint_goes_on_to_the_same_mean() -> None:
-    whole, first = WeightAverage(), WeightAverage()
-    values = [torch.randn(4, generator=torch.Generator().manual_seed(each)) for each in range(6)]
-    for value in values:
-        whole.update({"a": value})
-    for value in values[:3]:
-        first.update({"a": value})
-    second = WeightAverage()
-    second.restore(first.state(), CPU)
-    for value in values[3:]:
-        second.update({"a": value})
-    one, other = torch.zeros(4), torch.zeros(4)
-    whole.apply({"a": one})
-    second.apply({"a": other})
-    assert torch.equal(one, other)
 
 
 @pytest.mark.parametrize("name", ["default", "paper"])

@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 from reference_encoder.training.options import DEFAULT_MINUTES, PAPER_ITERATIONS, TrainOptions
-from scarfmt.errors import InvalidInput
+from tests.samples.codec_samples import refuses
 
 
 @pytest.mark.parametrize(
@@ -30,9 +30,7 @@ from scarfmt.errors import InvalidInput
     ],
 )
 def test_what_cannot_be_done_is_told_with_the_option(said: dict[str, Any], field: str) -> None:
-    with pytest.raises(InvalidInput) as caught:
-        TrainOptions(**said)
-    assert (caught.value.refusal, caught.value.field) == ("input-options", field)
+    refuses("input-options", lambda: TrainOptions(**said), field=field)
 
 
 def test_training_ends_by_one_rule() -> None:

@@ -10,8 +10,8 @@ import pytest
 from reference_encoder.training import room
 from reference_encoder.training.capture import Capture
 from reference_encoder.training.room import check_room, free_disk, free_memory, needed_room
-from scarfmt.errors import InvalidInput
 from tests.reference_encoder.training import captures
+from tests.samples.codec_samples import refuses
 
 
 def test_memory_does_not_grow_with_the_number_of_photos(capture: Capture) -> None:
@@ -26,11 +26,9 @@ def test_a_capture_that_is_too_large_is_refused_with_a_resolution_that_fits(
 ) -> None:
     check_room(capture, None)
     monkeypatch.setattr(room, "free_disk", lambda _folder: needed_room(capture, 0.5)[1])
-    with pytest.raises(InvalidInput, match=rf"--resolution {captures.WIDTH // 2} would fit"):
-        check_room(capture, None)
+    refuses("input-options", lambda: check_room(capture, None), rf"--resolution {captures.WIDTH // 2} would fit")
     monkeypatch.setattr(room, "free_memory", lambda: 1e6)
-    with pytest.raises(InvalidInput, match="fewer points"):
-        check_room(capture, None)
+    refuses("input-options", lambda: check_room(capture, None), "fewer points")
 
 
 def test_what_is_free_is_known(tmp_path: Path) -> None:

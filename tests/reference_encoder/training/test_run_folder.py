@@ -85,7 +85,6 @@ def test_what_was_saved_comes_back(tmp_path: Path) -> None:
     saved = state(0.1)
     save_checkpoint(tmp_path / "run", 1200, saved, WHOSE)
     found = load_checkpoint(tmp_path / "run", WHOSE)
-    assert found is not None
     assert found[0] == 1200
     assert torch.equal(found[1]["model"]["anchors"], saved["model"]["anchors"])
     assert found[1]["model"]["anchors"].dtype == torch.float64
@@ -116,7 +115,6 @@ def test_a_damaged_newest_one_is_passed_over_with_a_warning(tmp_path: Path, dama
     path.write_bytes({"cut": data[:-9], "empty": b"", "bit": data}[damage])
     with pytest.warns(InputWarning, match=r"checkpoint-00000010\.pt is damaged"):
         found = load_checkpoint(tmp_path, WHOSE)
-    assert found is not None
     assert found[0] == 5
     (tmp_path / "checkpoint-00000005.pt").write_bytes(b"x")
     with pytest.raises(InvalidInput, match="input-checkpoint"), pytest.warns(InputWarning):

@@ -21,7 +21,6 @@ def _file(vectors: VqFeatures, latent: torch.Tensor, stages: int) -> torch.Tenso
 
 def _begun() -> tuple[VqFeatures, torch.Tensor]:
     state = small.state(200, vectors=True)
-    assert state.vectors is not None
     latent = state.anchors.latent.detach()
     state.vectors.begin(latent, torch.ones(len(latent)))
     return state.vectors, latent
@@ -37,7 +36,6 @@ def test_injection_mixes_and_passes_the_gradient(beta: float) -> None:
     quantised = _file(vectors, latent, 1)
     assert torch.allclose(shown, latent + beta * (quantised - latent), atol=1e-5)
     shown.sum().backward()
-    assert given.grad is not None
     assert torch.allclose(given.grad, torch.full_like(latent, 0.25))
 
 
@@ -47,7 +45,6 @@ def test_in_the_hard_phase_pictures_move_books_and_decoder() -> None:
     vectors.open()
     given = latent.clone().requires_grad_()
     vectors.features(given, ROWS, 2, replace(SOFT, hard=True)).square().sum().backward()
-    assert given.grad is not None
     assert float(given.grad.abs().sum()) > 0
     assert all(p.grad is not None and float(p.grad.abs().sum()) > 0 for p in vectors.quantiser.book_parameters())
 

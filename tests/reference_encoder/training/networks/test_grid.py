@@ -49,7 +49,6 @@ def test_gradients_are_the_interpolation_weights() -> None:
     lookup = module.lookup(positions(1))
     module(lookup)[0, :2].sum().backward()
     gradient = module.tables[0].grad
-    assert gradient is not None
     wanted = torch.zeros(256).index_add_(0, lookup[0][0][0].long(), lookup[0][1][0] / 2**17)
     assert torch.allclose(gradient[:, 0], wanted)
     assert float(wanted.sum()) == pytest.approx(128.0)
@@ -75,7 +74,6 @@ def test_the_rate_pushes_bits_towards_the_commoner_one() -> None:
         module.tables[0][:64].fill_(0.05)
     module.coded_bits().backward()  # type: ignore[no-untyped-call]
     gradient = module.tables[0].grad
-    assert gradient is not None
     assert torch.allclose(gradient, torch.full_like(gradient, np.log2(3.0) / 2))
 
 

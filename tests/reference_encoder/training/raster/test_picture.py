@@ -38,8 +38,6 @@ def both(scene: Gaussians, camera: Camera) -> tuple[tuple[Gaussians, Tensor, Pic
 
 def error(found: Tensor | None, expected: Tensor | None) -> float:
     """The largest difference, relative to the largest of what is expected."""
-    assert found is not None
-    assert expected is not None
     assert torch.isfinite(found).all()
     return float((found.double() - expected).abs().max() / expected.abs().max())
 
