@@ -10,11 +10,9 @@ import numpy as np
 from conformance.scenes.cases import Fault
 from conformance.surgery.edit import numbered
 from conformance.surgery.files import block_of, blocks_of, changed, copied, rebuilt, renumbered, without
-from conformance.writer.fields import folded
-from conformance.writer.models import codebooks_block, network_numbers
-from conformance.writer.numbers import numbers_block
-from scarfmt.blocks.codebooks import unpack_codebooks
-from scarfmt.blocks.mlp import Linear
+from conformance.writer.tables import folded
+from scarfmt.blocks.codebooks import pack_codebooks, unpack_codebooks
+from scarfmt.blocks.mlp import Linear, QuantisedMlp, pack_networks
 from scarfmt.container.schema import BlockKind
 
 _BOOK = "R-7.8-1", "bad-codebook"
@@ -49,25 +47,25 @@ def codebook_faults(static: bytes, refined: bytes) -> Iterator[Fault]:
 
 def _book_places(static: bytes, refined: bytes, words: np.ndarray) -> Iterator[Fault]:
     rule = "R-7.8-2"
-    one = codebooks_block({1: words})
+    one = pack_codebooks({1: words})
     yield ("book-other", "codebook 1 where codebook 0 is first needed", rule, "bad-codebook",
            changed(static, BlockKind.CODEBOOKS, 1, lambda _: one))
-    both = codebooks_block({0: words, 1: words})
+    both = pack_codebooks({0: words, 1: words})
     yield ("book-early", "codebook 1 beside codebook 0, but no layer needs it", rule, "bad-codebook",
            changed(static, BlockKind.CODEBOOKS, 1, lambda _: both, 1))
     yield ("book-late", "codebook 1 is first needed in layer 2, but absent", rule, "missing-block",
            without(refined, BlockKind.CODEBOOKS, 2))
     later = block_of(refined, BlockKind.CODEBOOKS, 2).payload
     first = block_of(refined, BlockKind.CODEBOOKS, 1).payload
-    again = codebooks_block({**unpack_codebooks(first), **unpack_codebooks(later)})
+    again = pack_codebooks({**unpack_codebooks(first), **unpack_codebooks(later)})
     yield ("book-again", "codebook 0 again, beside codebook 1 in the layer that first needs that", rule, "bad-codebook",
            changed(refined, BlockKind.CODEBOOKS, 2, lambda _: again, 1))
-    narrow = codebooks_block({0: words[:, :1]})
+    narrow = pack_codebooks({0: words[:, :1]})
     yield ("book-narrow", "codewords of a dimension less than DECODER_MLP takes", "R-7.8-3", "bad-mlp",
            changed(static, BlockKind.CODEBOOKS, 1, lambda _: narrow))
     wide = {n: np.pad(book, ((0, 0), (0, 1))) for n, book in unpack_codebooks(later).items()}
     yield ("book-wide", "codebook 1 of a dimension more than codebook 0", "R-7.8-3", "bad-mlp",
-           changed(refined, BlockKind.CODEBOOKS, 2, lambda _: codebooks_block(wide)))
+           changed(refined, BlockKind.CODEBOOKS, 2, lambda _: pack_codebooks(wide)))
 
 
 # ---------------------------------------------------------------------------------------------- networks
@@ -83,7 +81,7 @@ def _layer(rows: int, columns: int, weight: int = 1, scale: float = 1.0, bias: f
 
 
 def _networks(*networks: Layers) -> bytes:
-    return numbers_block(network_numbers(networks))
+    return pack_networks(tuple(map(QuantisedMlp, networks)))
 
 
 def decoder_faults(static: bytes, coloured: bytes) -> Iterator[Fault]:

@@ -24,8 +24,7 @@ from conformance.surgery.files import (
     without,
 )
 from conformance.surgery.parts import broken, flipped, header_with
-from conformance.writer.models import codebooks_block
-from scarfmt.blocks.codebooks import MAX_VALUE, unpack_codebooks
+from scarfmt.blocks.codebooks import MAX_VALUE, pack_codebooks, unpack_codebooks
 from scarfmt.coding.writer import QuantisedScene
 from scarfmt.container.file import Block
 from scarfmt.container.schema import BlockKind, Stream
@@ -134,7 +133,7 @@ def _model_faults(base: bytes, anchors: bytes) -> Iterator[Fault]:
     books = unpack_codebooks(block_of(base, BlockKind.CODEBOOKS).payload)
     books[0][0, 0] = MAX_VALUE + 1
     yield ("codeword-large", "a component of 65536", "R-7.8-1", "bad-codebook",
-           changed(base, BlockKind.CODEBOOKS, 1, lambda _: codebooks_block(books)))
+           changed(base, BlockKind.CODEBOOKS, 1, lambda _: pack_codebooks(books)))
 
 
 def _symbol_faults(base: bytes, small: bytes) -> Iterator[Fault]:
@@ -147,4 +146,4 @@ def _symbol_faults(base: bytes, small: bytes) -> Iterator[Fault]:
 
 
 def _small_book(data: bytes) -> bytes:
-    return changed(data, BlockKind.CODEBOOKS, 1, lambda payload: codebooks_block({0: unpack_codebooks(payload)[0][:2]}))
+    return changed(data, BlockKind.CODEBOOKS, 1, lambda payload: pack_codebooks({0: unpack_codebooks(payload)[0][:2]}))

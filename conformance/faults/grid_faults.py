@@ -7,8 +7,8 @@ from collections.abc import Callable, Iterator
 from conformance.scenes.cases import Fault
 from conformance.surgery.edit import append, cut, splice
 from conformance.surgery.files import block_of, changed
-from conformance.writer.fields import varint
 from scarfmt.container.bytefields import ByteReader
+from scarfmt.container.bytefields import unsigned_varint as varint
 from scarfmt.container.schema import BlockKind
 
 _GRID = BlockKind.HASH_GRID

@@ -11,8 +11,9 @@ from conformance.faults.predictor_faults import OCCUPANCY_TARGETS
 from conformance.scenes.cases import Fault
 from conformance.scenes.made import Plan, build, steady
 from conformance.surgery.edit import splice
-from conformance.surgery.files import changed, vector_file
-from conformance.writer.models import layer_block
+from conformance.surgery.files import changed
+from conformance.writer.file import write_file
+from scarfmt.blocks.layer import pack_layer
 from scarfmt.coding.writer import QuantisedScene
 from scarfmt.container.file import Tile
 from scarfmt.container.schema import BlockKind, Stream
@@ -64,7 +65,7 @@ def _row_of(model: SceneModel, channels: tuple[Channel, ...], layer: int) -> Lay
 def _with_row(data: bytes, model: SceneModel, layer: int, row: LayerRow) -> bytes:
     opening = (model.channels, model.context) if layer == 1 else None
     growth = row.class_count - model.layers[layer - 1].class_count
-    return changed(data, BlockKind.LAYER, layer, lambda _: layer_block(row, opening), growth)
+    return changed(data, BlockKind.LAYER, layer, lambda _: pack_layer(row, opening), growth)
 
 
 def _of(channel: Channel, components: int) -> Channel:
@@ -115,7 +116,7 @@ def _latent_faults(explicit: File, anchor: File, three: Channel) -> Iterator[Fau
     scales, features = others
     scene = build(Plan("latent alone", (three, _of(latent, 3)), steady(1, 0, (1, 1)), (Tile(0, 0, 0),), (4,), bits=5,
                        dimension=3))  # fmt: skip
-    alone = vector_file(scene), scene
+    alone = write_file(scene), scene
     for name, more in (("wide", 1), ("narrow", -1)):
         purpose = f"LATENT of a component {'more' if more > 0 else 'less'} than DECODER_MLP takes"
         yield (f"latent-{name}", purpose, *rule, _with_channels(explicit, three, _of(latent, latent.components + more)))
@@ -202,7 +203,7 @@ def _context_faults(predictors: bytes) -> Iterator[Fault]:
 def _number_faults(static: File) -> Iterator[Fault]:
     data, scene = static
     channel = scene.model.channels[0]
-    block = layer_block(scene.model.layers[0], (scene.model.channels, scene.model.context))
+    block = pack_layer(scene.model.layers[0], (scene.model.channels, scene.model.context))
     # entropy mode, channel count, then stream, components, first widths.
     stream, components = 2, 3
     assert block[stream] == channel.stream

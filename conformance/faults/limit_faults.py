@@ -18,8 +18,8 @@ from conformance.scenes.container_scenes import (
     root_file,
 )
 from conformance.surgery.edit import Changes
-from conformance.surgery.files import vector_file
 from conformance.surgery.parts import TILE_KIND, Parts, broken, header_with, remade, taken_apart
+from conformance.writer.file import write_file
 
 _MAX_TILES, _READER_TILES, _READER_ROOT = 1 << 24, 1 << 20, 1 << 24
 _MAX_ANCHORS, _READER_GAUSSIANS = 1 << 31, 1 << 36
@@ -67,17 +67,17 @@ def _counts(**counts: int) -> Changes:
 
 def _expansion_limits() -> Iterator[Case]:
     yield _either("limit-expansion", "69536 anchors in 500 bytes; all is well otherwise", "R-5.2-19",
-                  vector_file(crowd_scene((_MAX_TILE_ANCHORS, 4000))), "limit-expansion")
+                  write_file(crowd_scene((_MAX_TILE_ANCHORS, 4000))), "limit-expansion")
     yield _either("limit-expansion-slots", "592000 slots, none of them on, in 6 kB; all is well otherwise", "R-5.2-19",
-                  vector_file(idle_slots_scene(18500)), "limit-expansion")
+                  write_file(idle_slots_scene(18500)), "limit-expansion")
     yield _expansion_met()
 
 
 def _expansion_met() -> Case:
     """Exactly as many anchors as any reader must take from a file of that length."""
-    size = len(vector_file(crowd_scene((_MAX_TILE_ANCHORS, 4000))))
+    size = len(write_file(crowd_scene((_MAX_TILE_ANCHORS, 4000))))
     scene = crowd_scene((_MAX_TILE_ANCHORS, size))
-    data = vector_file(scene)
+    data = write_file(scene)
     if len(data) != size:
         raise ValueError("the number of anchors changes the length of the file")
     purpose = f"2^16 + {size} anchors in {size} bytes: the most that every reader takes"
@@ -120,7 +120,7 @@ def _crowded() -> bytes:
         parts.entry(TILE_KIND)["count"] = count
         parts.layers[0].update(anchor_count=count, gaussian_count=count)
 
-    return remade(vector_file(crowd_scene((_MAX_TILE_ANCHORS,))), change)
+    return remade(write_file(crowd_scene((_MAX_TILE_ANCHORS,))), change)
 
 
 def crc32_with_zeros(start: bytes, zeros: int) -> int:

@@ -10,8 +10,8 @@ import numpy as np
 from conformance.scenes.cases import Fault
 from conformance.surgery.edit import Changes, edited, further, numbered
 from conformance.surgery.files import block_of, blocks_of, changed, copied, rebuilt, renumbered, without
-from conformance.writer.networks import network_block
-from scarfmt.blocks.index_network import unpack_network
+from conformance.writer.numbers import Number
+from scarfmt.blocks.index_network import pack_network, unpack_network
 from scarfmt.container.schema import BlockKind
 from scarfmt.neural.arithmetic import Linear
 from scarfmt.neural.network import GruLayer, Head, IndexNetwork
@@ -30,7 +30,7 @@ def _network_of(data: bytes) -> IndexNetwork:
 
 def _edited(data: bytes, changes: Changes) -> bytes:
     """The file with fields of its index network changed."""
-    return changed(data, _NETWORK, 1, lambda payload: network_block(edited(unpack_network(payload), changes)))
+    return changed(data, _NETWORK, 1, lambda payload: pack_network(edited(unpack_network(payload), changes)))
 
 
 def network_faults(deep: bytes, flat: bytes, equal: bytes, edge: bytes) -> Iterator[Fault]:
@@ -40,6 +40,8 @@ def network_faults(deep: bytes, flat: bytes, equal: bytes, edge: bytes) -> Itera
                        (edge, _EDGE_ROWS)):
         for name, purpose, rule, changes in rows:
             yield name, purpose, *rule, _edited(data, changes)
+    yield ("network-no-recurrence", "no recurrent layer, nor tokens", *_RANGE,
+           renumbered(flat, _NETWORK, _without_recurrence))
     yield from _number_faults(deep, flat)
 
 
@@ -107,7 +109,6 @@ def _flat_rows() -> Iterator[Row]:
            {"embed.1": _rows(0), "gru.0": _without_state, "mixer.weights": _columns(0)})
     yield ("network-no-mixer", "a mixer of no width", _RANGE,
            {"mixer": _rows(0), **{f"{path}.weights": _columns(0) for path in projections}})
-    yield "network-no-recurrence", "no recurrent layer, nor tokens", _RANGE, {"gru": ()}
     yield ("network-no-head", "no head", _RANGE,
            {"gru.0.inputs": (), "gru.0.biases": lambda biases: biases[:0], "heads": ()})
     yield ("network-7-bits-alone", "7 activation bits, start states of 0", _RANGE,
@@ -184,6 +185,12 @@ def _without_state(gru: GruLayer) -> GruLayer:
                     gru.recurrent_biases[:0], gru.start[:0], gru.shift)
 
 
+def _without_recurrence(numbers: list[Number]) -> list[Number]:
+    """The numbers without those of the one recurrent layer: the third part of four that begin with a shift."""
+    _, _, start, past, *_ = (i for i, (field, _) in enumerate(numbers) if field[0] == "shift")
+    return numbered(("gru_count", 0), ("tokens", 0))([*numbers[:start], *numbers[past:]])
+
+
 def _alone(layer: Linear, weights: np.ndarray, shift: int) -> Linear:
     """The layer with these weights, but -32768 and zeros in row 0, and no biases."""
     weights[0] = 0
@@ -216,7 +223,8 @@ def _number_faults(deep: bytes, flat: bytes) -> Iterator[Fault]:
         *((f"network-{field.replace('_', '-')}-256", f"{field} is 256", _LIMIT, deep, field, 256) for field in _BYTES),
         ("head-4097", "a head for 4097 codewords", _LIMIT, flat, "size", 4097),
         ("clusters-257", "257 clusters", _LIMIT, flat, "cluster_count", 257),
-        ("cluster-4097", "a cluster of 4097 codewords", _LIMIT, deep, "clusters", 4097),
+        # Numbers of a list have no name of their own.
+        ("cluster-4097", "a cluster of 4097 codewords", _LIMIT, deep, None, 4097),
     ):
         yield name, purpose, *rule, renumbered(data, _NETWORK, numbered((field, value)))
 

@@ -8,8 +8,8 @@ from conformance.scenes.cases import Case, Fault, refused
 from conformance.scenes.container_scenes import paged_file, plain_file, root_file
 from conformance.surgery.edit import Changes, append, cut, more, plus, splice
 from conformance.surgery.parts import flipped, repaged, taken_apart
-from conformance.surgery.raw_pages import RawRows, RawTiles
-from conformance.writer.fields import varint
+from conformance.writer.pages import RawPage
+from scarfmt.container.bytefields import unsigned_varint as varint
 
 _MAX_BLOCK = 1 << 31
 
@@ -43,9 +43,8 @@ def _structure_faults(base: bytes) -> Iterator[Fault]:
     """Bytes of a tile page, or, of a layer and a page, of a row page."""
 
     def raw(place: tuple[int, ...], change: Callable[[bytes], bytes]) -> bytes:
-        kind = RawTiles if len(place) == 1 else RawRows
         path = f"tiles.{place[0]}" if len(place) == 1 else f"rows.{place[0] - 1}.{place[1]}"
-        return repaged(base, {path: lambda page: kind([], [], [], change(page.packed()))})
+        return repaged(base, {path: lambda page: RawPage(change(page.packed()))})
 
     # Of layer 2, page 0: two lengths and two counts of a byte each, two CRCs.
     rows: tuple[tuple[str, str, str, tuple[int, ...], Callable[[bytes], bytes]], ...] = (

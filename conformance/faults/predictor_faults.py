@@ -18,12 +18,11 @@ from conformance.surgery.files import (
     numbers_of,
     rebuilt,
     renumbered,
-    vector_file,
     without,
 )
-from conformance.writer.networks import predictors_block
+from conformance.writer.file import write_file
 from conformance.writer.numbers import numbers_block
-from scarfmt.blocks.predictors import unpack_predictors
+from scarfmt.blocks.predictors import pack_predictors, unpack_predictors
 from scarfmt.container.file import Block, Tile
 from scarfmt.container.schema import BlockKind, Stream
 from scarfmt.neural.arithmetic import MAX_WEIGHT, Linear
@@ -43,7 +42,7 @@ def _edited(data: bytes, changes: Changes) -> bytes:
     """The file with fields of its first predictors changed."""
     before = unpack_predictors(block_of(data, _PREDICTORS).payload)
     after = edited(before, changes)
-    return changed(data, _PREDICTORS, 1, lambda _: predictors_block(after), len(after) - len(before))
+    return changed(data, _PREDICTORS, 1, lambda _: pack_predictors(after), len(after) - len(before))
 
 
 def predictor_faults(base: bytes, edge: bytes, alone: bytes) -> Iterator[Fault]:
@@ -104,7 +103,7 @@ def _wider(predictor: Predictor) -> Predictor:
 
 def _order_faults(base: bytes, edge: bytes) -> Iterator[Fault]:
     """R-10.3-2 is applied after the numbers of the record, and before those of the next."""
-    first = predictors_block(unpack_predictors(block_of(base, _PREDICTORS).payload)[:1])
+    first = pack_predictors(unpack_predictors(block_of(base, _PREDICTORS).payload)[:1])
     for name, changes in (("step-zero", {"step": 0}), ("buckets", {"b1": 128, "b2": 1})):
         numbers = numbered(*changes.items())(numbers_of(first, _PREDICTORS))
         long = numbers_block(ending_long(numbers))
@@ -124,10 +123,10 @@ def _scene_faults(base: bytes) -> Iterator[Fault]:
     yield "predictor-inputs", "as many inputs as two depths have; the file has one", *_FIT, one_depth
     # LATENT of 64 components and four depths: 15 + 3 + 64 + 4 * 66 = 346.
     channels = channel(Stream.SCALE, 0.5, 3), channel(Stream.LATENT, 1.5, 64)
-    data = vector_file(build(Plan(
+    data = write_file(build(Plan(
         "wrapped inputs", channels, (LayerRow((0,), ((1, 1),)),), (Tile(0, 0, 0),), (10,), bits=5, dimension=64,
         context=DecodedContext(0, (8, 4, 2, 1)))))
     output = Linear(np.zeros((2, 346 % 256), np.int32), np.zeros(2, np.int64), 0)
-    payload = predictors_block((Predictor(Stream.LATENT, 0, 1, None, output, (1, 1)),))
+    payload = pack_predictors((Predictor(Stream.LATENT, 0, 1, None, output, (1, 1)),))
     yield ("predictor-inputs-wrapped", "346 inputs, of which a byte holds 90", *_FIT,
            rebuilt(data, [*blocks_of(data), Block(_PREDICTORS, 1, payload, count=1)]))

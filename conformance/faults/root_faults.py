@@ -21,8 +21,8 @@ from conformance.surgery.parts import (
     rerooted,
     taken_apart,
 )
-from conformance.writer.fields import varint
 from conformance.writer.pages import Pages
+from scarfmt.container.bytefields import unsigned_varint as varint
 
 _LAYER, _METADATA = 1, 64
 _MOST = (1 << 53) - 1

@@ -17,8 +17,9 @@ from conformance.scenes.cases import Case, Fault, refused
 from conformance.scenes.made import Plan, build, channel
 from conformance.scenes.neural_models import PredictorPlan
 from conformance.surgery.edit import replaced
-from conformance.surgery.files import blocks_of, layer_counts_of, rebuilt, tile_parts, vector_file, with_substream
+from conformance.surgery.files import blocks_of, layer_counts_of, rebuilt, tile_parts, with_substream
 from conformance.surgery.parts import flipped
+from conformance.writer.file import write_file
 from conformance.writer.tables import Record
 from scarfmt.coding.writer import QuantisedScene
 from scarfmt.container.file import Block, Tile
@@ -314,10 +315,10 @@ def _constant_plan(name: str, predictors: tuple[PredictorPlan, ...] = (), layers
 
 def _range_faults() -> Iterator[Fault]:
     """3 * 715827882 + 1 is 2^31 - 1."""
-    plain = vector_file(build(_constant_plan("range")))
-    together = vector_file(build(_constant_plan("range at once", layers=(2,))))
+    plain = write_file(build(_constant_plan("range")))
+    together = write_file(build(_constant_plan("range at once", layers=(2,))))
     # One bucket: the context of the predicted step stays 0, whatever the value.
-    predicted = vector_file(build(_constant_plan("range predicted", (PredictorPlan(Stream.SCALE, 1, 2, 0, (1, 1)),))))
+    predicted = write_file(build(_constant_plan("range predicted", (PredictorPlan(Stream.SCALE, 1, 2, 0, (1, 1)),))))
 
     def overflowing(data: bytes, layer: int, trit: int) -> bytes:
         first = _with_value(data, 1, _of(Stream.SCALE, 1, 1), -5, -715827883)
@@ -349,7 +350,7 @@ def _reach_faults() -> Iterator[Fault]:
     channels = (residuals, channel(Stream.SCALE, 0.5, 3))
     rows = (LayerRow((0,), ((1, 1),)), LayerRow((0,), ((1, 2),)), LayerRow((0,), ((2, 2),)))
     plan = Plan("reach", channels, rows, (Tile(0, 0, 0),), (9,), bits=5, constant=True)
-    data = vector_file(build(plan))
+    data = write_file(build(plan))
 
     first, second = (_of(Stream.POSITION_RESIDUAL, 2, step) for step in (1, 2))
     yield "residual-beyond", "a position residual of -1.2", *_REACH, _with_value(data, 1, first, -5, -6)

@@ -9,10 +9,11 @@ from dataclasses import replace
 from conformance.scenes.cases import Case
 from conformance.scenes.container_scenes import plain_file, plain_scene
 from conformance.scenes.streaming_scenes import streaming_file, streaming_scene
-from conformance.surgery.files import vector_file
 from conformance.surgery.parts import block_added, block_with, broken, entry_with, remade
-from conformance.writer.fields import varint
-from conformance.writer.streaming import streaming_block
+from conformance.writer.file import write_file
+from conformance.writer.options import WriteOptions
+from scarfmt.blocks.streaming import pack_streaming
+from scarfmt.container.bytefields import unsigned_varint as varint
 from scarfmt.container.file import Block
 from scarfmt.container.schema import BlockKind
 
@@ -71,7 +72,7 @@ def streaming_either() -> Iterator[Case]:
     """Faults that only a validator sees: blocks where none belongs, a count, and content that no decoder must read."""
     plain, boxes = plain_file(), streaming_scene().streaming
     assert boxes is not None
-    payload = streaming_block(boxes)
+    payload = pack_streaming(boxes)
     for name, purpose, entry in (
         ("late", "STREAMING in layer 2", {"layer": 2, "flags": _SAFE}),
         ("not-safe", "STREAMING that is not safe to copy", {"flags": 0}),
@@ -84,11 +85,11 @@ def streaming_either() -> Iterator[Case]:
     yield _taken("text", "STREAMING that is text, which a decoder does not look at", text, "R-7.13-1", "count-limit",
                  "bad-streaming")
     scene = replace(plain_scene(), streaming=None)
-    large = vector_file(scene, [Block(int(BlockKind.THUMBNAIL), 1, bytes(65_536))])
+    large = write_file(scene, WriteOptions(blocks=(Block(int(BlockKind.THUMBNAIL), 1, bytes(65_536)),)))
     yield Case("either/thumbnail-large", "a thumbnail of 65,536 bytes", large, ("R-7.15-1",), scene=scene,
                refusals=("entry-length",))
     scene = replace(scene, metadata={"coordinate_reference": {"crs": 25832, "origin": [0, 0, 0]}})
-    yield Case("either/metadata-reference", "a coordinate reference system that is a number", vector_file(scene),
+    yield Case("either/metadata-reference", "a coordinate reference system that is a number", write_file(scene),
                ("R-7.10-4",), scene=scene, refusals=("bad-metadata",))
 
 

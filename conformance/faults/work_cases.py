@@ -10,11 +10,12 @@ import numpy as np
 
 from conformance.scenes.cases import Case
 from conformance.scenes.made import Plan, build, channel
-from conformance.surgery.files import blocks_of, numbers_of, vector_file
+from conformance.surgery.files import blocks_of, numbers_of
+from conformance.writer.file import write_file
 from scarfmt.blocks.mlp import Linear, QuantisedMlp
 from scarfmt.coding.writer import QuantisedScene
 from scarfmt.container.file import Tile
-from scarfmt.container.schema import BlockKind, Stream
+from scarfmt.container.schema import Stream
 from scarfmt.scene.model import LayerRow
 
 _FREE_WORK, _WORK_PER_BYTE = 1 << 32, 1 << 17
@@ -27,15 +28,15 @@ def work_cases() -> Iterator[Case]:
     """Files within the limits of work and of adaptive numbers, and beyond them."""
     rules: tuple[str, ...] = ("R-13.2-1",)
     within, beyond = _wide_scene(1900), _wide_scene(2300)
-    _check_sides(len(vector_file(within)), len(vector_file(beyond)))
+    _check_sides(len(write_file(within)), len(write_file(beyond)))
     yield Case("edge/limit-work-met", "a wide network for 1900 anchors in a cell, near the most that a reader must do",
-               vector_file(within), (*rules, "R-7.9-1"), scene=within)
+               write_file(within), (*rules, "R-7.9-1"), scene=within)
     yield Case("either/limit-work", "a wide network for 2300 anchors in a cell, more than a reader must do",
-               vector_file(beyond), rules, scene=beyond, refusals=("limit-work",), stage="models")
+               write_file(beyond), rules, scene=beyond, refusals=("limit-work",), stage="models")
     met, more = _scene_of_numbers(0), _scene_of_numbers(1)
-    yield Case("edge/limit-numbers-met", "as many adaptive numbers as every reader takes", vector_file(met), rules,
+    yield Case("edge/limit-numbers-met", "as many adaptive numbers as every reader takes", write_file(met), rules,
                scene=met)
-    yield Case("either/limit-expansion-numbers", "an adaptive number more than every reader takes", vector_file(more),
+    yield Case("either/limit-expansion-numbers", "an adaptive number more than every reader takes", write_file(more),
                rules, scene=more, refusals=("limit-expansion",), stage="models")
 
 
@@ -69,8 +70,8 @@ def _scene_of_numbers(more: int) -> QuantisedScene:
     size = 1
     while True:
         scene = _wide_scene(3, size)
-        data = vector_file(scene)
-        found = sum(len(numbers_of(block.payload, BlockKind(block.kind))) for block in blocks_of(data))
+        data = write_file(scene)
+        found = sum(len(numbers_of(block.payload, block.kind)) for block in blocks_of(data))
         missing = _FREE_NUMBERS + _NUMBERS_PER_BYTE * len(data) + more - found
         if missing == 0:
             return scene

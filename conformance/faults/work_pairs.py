@@ -26,8 +26,8 @@ from conformance.scenes.made import (
     channel,
 )
 from conformance.scenes.neural_models import GridPlan, NetworkPlan, PredictorPlan
-from conformance.surgery.files import vector_file
 from conformance.surgery.parts import TILE_KIND, Parts, taken_apart
+from conformance.writer.file import write_file
 from scarfmt.blocks.mlp import Linear, QuantisedMlp
 from scarfmt.coding.writer import QuantisedScene
 from scarfmt.container.schema import Profile, Stream
@@ -44,7 +44,7 @@ _ROOM = 100
 def work_pairs() -> Iterator[Case]:
     """Pairs of scenes that together have every term of the formula."""
     for name, plan, width in _PLANS:
-        data = vector_file(_costly(build(plan), width))
+        data = write_file(_costly(build(plan), width))
         within, beyond = _pair(data)
         yield Case(f"invalid/work-{name}-within", f"work of {name} just within the limit: a CRC of a tile is the fault",
                    within, ("R-5.6-1", "R-12.2-1", "R-13.2-1"), refusals=("crc-mismatch",))

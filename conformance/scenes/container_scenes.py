@@ -8,7 +8,7 @@ from functools import cache
 import numpy as np
 
 from conformance.scenes.made import ANCHOR_CHANNELS, Plan, build, channel
-from conformance.surgery.files import vector_file
+from conformance.writer.file import write_file
 from conformance.writer.options import WriteOptions
 from scarfmt.coding.writer import QuantisedScene
 from scarfmt.container.file import Tile
@@ -109,28 +109,28 @@ def many_pages_scene(tiles: int) -> QuantisedScene:
 @cache
 def plain_file() -> bytes:
     """The file of :func:`plain_scene`."""
-    return vector_file(plain_scene())
+    return write_file(plain_scene())
 
 
 @cache
 def paged_file() -> bytes:
     """The file of :func:`paged_scene` in pages of two tiles."""
-    return vector_file(paged_scene(), options=WriteOptions(page_bits=1))
+    return write_file(paged_scene(), WriteOptions(page_bits=1))
 
 
 @cache
 def many_pages_file(tiles: int) -> bytes:
     """The file of :func:`many_pages_scene` in pages of one tile, each with a TILE block of five bytes."""
-    return vector_file(many_pages_scene(tiles), options=WriteOptions(page_bits=0, empty_tiles=True))
+    return write_file(many_pages_scene(tiles), WriteOptions(page_bits=0, empty_tiles=True))
 
 
 @cache
 def anchor_file() -> bytes:
     """The file of :func:`anchor_scene`."""
-    return vector_file(anchor_scene())
+    return write_file(anchor_scene())
 
 
 @cache
 def root_file() -> bytes:
     """The file of :func:`root_scene`."""
-    return vector_file(root_scene())
+    return write_file(root_scene())

@@ -10,7 +10,7 @@ import numpy as np
 from conformance.scenes.cases import Case
 from conformance.scenes.made import ANCHOR_CHANNELS, FEATURES, Plan, build, channel, mlp, steady
 from conformance.scenes.prng import Prng
-from conformance.surgery.files import vector_file
+from conformance.writer.file import write_file
 from scarfmt.blocks.mlp import QuantisedMlp
 from scarfmt.coding.writer import QuantisedScene
 from scarfmt.container.file import Tile
@@ -41,7 +41,7 @@ def activation_cases() -> Iterator[Case]:
 
 
 def _edge(name: str, purpose: str, scene: QuantisedScene, *rules: str) -> Case:
-    return Case(f"edge/{name}", purpose, vector_file(scene), ("R-9.5-1", *rules), scene=scene)
+    return Case(f"edge/{name}", purpose, write_file(scene), ("R-9.5-1", *rules), scene=scene)
 
 
 def _extremes() -> QuantisedScene:

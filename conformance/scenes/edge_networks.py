@@ -12,31 +12,32 @@ import numpy as np
 from conformance.scenes.cases import Case
 from conformance.scenes.made import ANCHOR_CHANNELS, EVERY_CHANNEL, Plan, build, channel
 from conformance.scenes.neural_models import GridPlan, NetworkPlan, PredictorPlan
-from conformance.surgery.files import renumbered, vector_file
-from conformance.writer.numbers import Number
-from conformance.writer.options import WriteOptions
+from conformance.surgery.edit import edited, replaced
+from conformance.surgery.files import changed, numbers_of, renumbered
+from conformance.writer.file import write_file
+from conformance.writer.numbers import Number, numbers_block
 from scarfmt.arrays import I32
+from scarfmt.blocks.hash_grid import pack_grid
+from scarfmt.blocks.predictors import pack_predictors
 from scarfmt.coding.writer import QuantisedScene
 from scarfmt.container.file import Tile
 from scarfmt.container.schema import BlockKind, Profile, Stream
+from scarfmt.entropy.rans import FrequencyTable, RansEncoder
 from scarfmt.neural.arithmetic import MAX_SHIFT, Linear
 from scarfmt.neural.grid import GridLevel
 from scarfmt.neural.network import Attention, GruLayer, IndexNetwork
 from scarfmt.neural.predictors import Predictor
-from scarfmt.scene.model import DecodedContext, LayerRow
+from scarfmt.scene.model import MAX_CLASSES, DecodedContext, LayerRow
 
 _WHOLE = (Tile(0, 0, 0),)
 _SCALE3 = channel(Stream.SCALE, 0.5, 3)
 _COLOURED = (_SCALE3, channel(Stream.COLOUR, 0.1, 3))
-_PLAIN = WriteOptions()
 _PASSES = "R-10.2-1", "R-10.2-3", "R-10.2-4", "R-10.2-5"
 
 
-def _edge(
-    name: str, purpose: str, scene: Plan | QuantisedScene, rules: Sequence[str], options: WriteOptions = _PLAIN
-) -> Case:
+def _edge(name: str, purpose: str, scene: Plan | QuantisedScene, rules: Sequence[str]) -> Case:
     made = build(scene) if isinstance(scene, Plan) else scene
-    return Case(f"edge/{name}", purpose, vector_file(made, options=options), tuple(rules), (), made)
+    return Case(f"edge/{name}", purpose, write_file(made), tuple(rules), (), made)
 
 
 def _rows(*rows: tuple[bool, Sequence[int], int]) -> tuple[LayerRow, ...]:
@@ -89,9 +90,19 @@ def predictor_cases() -> Iterator[Case]:
     yield _edge("predictors-largest", "weights of 32767 and -32767", _largest(), ("R-10.1-1", "R-10.3-2"))
     yield from _latent_cases((*rules, "R-10.3-1"))
     stored = build(_passes(1, (5,)))
-    data = vector_file(stored, options=WriteOptions(class_columns=15))
+    data = write_file(stored)
+    for layer, group in stored.predictors.items():
+        data = changed(data, BlockKind.PREDICTORS, layer, replaced(_with_all_columns(group)))
     yield Case("edge/predictors-stored", "class columns without weights; biases that share no shift, or zeros by 31",
                renumbered(data, BlockKind.PREDICTORS, _unshifted), ("R-8.5-2", "R-10.3-1"), scene=stored)
+
+
+def _with_all_columns(predictors: tuple[Predictor, ...]) -> bytes:
+    """A block that stores all class columns: the last has a weight that no other is when it is packed, and then 0."""
+    mark = 1000
+    marked = [edited(predictor, {f"output.weights.0.{MAX_CLASSES - 1}": mark}) for predictor in predictors]
+    numbers = numbers_of(pack_predictors(marked), BlockKind.PREDICTORS)
+    return numbers_block((field, 0 if (field[0], n) == ("weights", 2 * mark) else n) for field, n in numbers)
 
 
 def _unshifted(numbers: list[Number]) -> list[Number]:
@@ -99,7 +110,7 @@ def _unshifted(numbers: list[Number]) -> list[Number]:
     out: list[Number] = []
     for field, array in itertools.groupby(numbers, lambda one: one[0]):
         values = [n for _, n in array]
-        if out and out[-1][0] == ("shift of", *field):
+        if out and out[-1][0] == ("shift of", field[0]):
             shift, out[-1] = out[-1][1], (out[-1][0], 0 if any(values) else 31)
             # 2v stands for v, 2v + 1 for -v - 1.
             values = [(n + n % 2 << shift) - n % 2 for n in values]
@@ -379,7 +390,20 @@ def _number_cases() -> Iterator[Case]:
                     replace(scene, network=silent), ("R-10.5-7", "R-10.5-8"))
     scene = build(_plan("shifts of arrays", NetworkPlan(clusters=((), (6, 6))), _rows((True, (2,), 1))))
     yield Case("edge/index-shifts", "no zero bits left out of biases, zeros shifted by 31",
-               renumbered(vector_file(scene), BlockKind.ENTROPY_NETWORK, _unshifted), ("R-8.5-2",), scene=scene)
+               renumbered(write_file(scene), BlockKind.ENTROPY_NETWORK, _unshifted), ("R-8.5-2",), scene=scene)
+
+
+def _with_ones(case: Case, ones: int) -> bytes:
+    """The file, `ones` of every level of its hash grid another than the share of bits that are 1."""
+    assert case.scene is not None
+    assert case.scene.grid is not None
+    tables = [pack_grid(replace(case.scene.grid, bits=()))]
+    for bits in case.scene.grid.bits:
+        encoder = RansEncoder()
+        encoder.encode(bits.ravel(), FrequencyTable.from_weights(np.array([256 - ones, ones])))
+        stream = encoder.finish()
+        tables.append(bytes([ones]) + len(stream).to_bytes(4, "little") + stream)
+    return changed(case.data, BlockKind.HASH_GRID, 1, replaced(b"".join(tables)))
 
 
 def _grid_cases() -> Iterator[Case]:
@@ -397,9 +421,9 @@ def _grid_cases() -> Iterator[Case]:
     ):
         bits = 32 if name == "extent-32" else 6
         tiles = (Tile(0, 11, 0),) if name == "extent-32" else _WHOLE
-        yield _edge(f"grid-{name}", what, _plan(
-            f"grid {name}", own, _rows((True, (2,), 1)), grid=plan, bits=bits, tiles=tiles), rules,
-            WriteOptions(grid_ones=ones))
+        case = _edge(f"grid-{name}", what, _plan(
+            f"grid {name}", own, _rows((True, (2,), 1)), grid=plan, bits=bits, tiles=tiles), rules)
+        yield case if ones is None else replace(case, data=_with_ones(case, ones))
     table = GridPlan((0, 0, 0), 6, (GridLevel(0, 65535, 15, 2),))
     scene = build(_plan("grid zeros", own, _rows((True, (1,), 1)), grid=table, counts=(8,)))
     assert scene.grid is not None

@@ -27,7 +27,8 @@ from conformance.scenes.made import (
 )
 from conformance.scenes.page_scenes import page_cases
 from conformance.scenes.prng import Prng
-from conformance.surgery.files import renumbered, vector_file
+from conformance.surgery.files import renumbered
+from conformance.writer.file import write_file
 from conformance.writer.numbers import Number
 from conformance.writer.options import Renewal, Weights, WriteOptions
 from conformance.writer.tables import table_of
@@ -61,7 +62,7 @@ def _edge(
     features: Sequence[str] = (),
 ) -> Case:
     made = build(scene) if isinstance(scene, Plan) else scene
-    return Case(f"edge/{name}", purpose, vector_file(made, options=options), tuple(rules), tuple(features), made)
+    return Case(f"edge/{name}", purpose, write_file(made, options), tuple(rules), tuple(features), made)
 
 
 def _plan(seed: str, counts: tuple[int, ...] = (24,), bits: int = 6, **fields: Any) -> Plan:
@@ -378,13 +379,13 @@ def _number_cases() -> Iterator[Case]:
                 WriteOptions(tables={1: wide}))
     plain = build(_plan("precision", (40,)))
     yield Case("edge/numbers-precision", "tables whose `precision` says nothing of their weights, only of their model",
-               renumbered(vector_file(plain), BlockKind.TABLES, _as_of_24_bits), ("R-8.3-1",), scene=plain)
+               renumbered(write_file(plain), BlockKind.TABLES, _as_of_24_bits), ("R-8.3-1",), scene=plain)
 
 
 def _as_of_24_bits(numbers: list[Number]) -> list[Number]:
     """The numbers of tables, the weights in the model of the largest ones."""
     return [
-        (field, 23) if field[0] == "precision" else (("weights", 23), n) if field[0] == "weights" else (field, n)
+        (field, 23) if field[0] == "precision" else (("less", 23), n) if field[0] == "less" else (field, n)
         for field, n in numbers
     ]
 

@@ -9,7 +9,7 @@ from conformance.scenes.cases import Case
 from conformance.scenes.container_scenes import many_pages_file, many_pages_scene, paged_file, paged_scene
 from conformance.scenes.made import Plan, build, channel, steady
 from conformance.scenes.neural_scenes import neural_plans
-from conformance.surgery.files import vector_file
+from conformance.writer.file import write_file
 from conformance.writer.options import WriteOptions
 from scarfmt.coding.writer import QuantisedScene
 from scarfmt.container.file import Tile
@@ -27,7 +27,7 @@ def paged_cases() -> Iterator[Case]:
     yield Case("valid/pages", purpose, paged_file(), ("R-5.5-7", "R-5.5-10"), scene=paged_scene())
     plan = replace(neural_plans()["index-two-level"][1], seed="pages neural")
     scene = build(plan)
-    data = vector_file(scene, options=WriteOptions(page_bits=0))
+    data = write_file(scene, WriteOptions(page_bits=0))
     yield Case("valid/pages-neural", "an index network over pages of one tile", data, ("R-5.5-7", "R-5.5-10"),
                scene=scene)
 
@@ -54,7 +54,7 @@ def _case(
     name: str, purpose: str, scene: QuantisedScene, bits: int, rules: tuple[str, ...],
     options: WriteOptions | None = None,
 ) -> Case:
-    data = vector_file(scene, options=options or WriteOptions(page_bits=bits))
+    data = write_file(scene, options or WriteOptions(page_bits=bits))
     return Case(f"edge/{name}", purpose, data, rules, scene=scene)
 
 

@@ -12,7 +12,7 @@ from conformance.scenes.cases import Case
 from conformance.scenes.container_scenes import anchor_scene, plain_scene
 from conformance.scenes.made import build, static_plans
 from conformance.scenes.prng import Prng
-from conformance.surgery.files import vector_file
+from conformance.writer.file import write_file
 from scarfmt.blocks.streaming import Streaming, View
 from scarfmt.coding.writer import QuantisedScene
 
@@ -35,7 +35,7 @@ def streaming_scene() -> QuantisedScene:
 @cache
 def streaming_file() -> bytes:
     """The file of :func:`streaming_scene`."""
-    return vector_file(streaming_scene())
+    return write_file(streaming_scene())
 
 
 def streaming_cases() -> Iterator[Case]:
@@ -50,4 +50,4 @@ def streaming_cases() -> Iterator[Case]:
 
 
 def _edge(name: str, purpose: str, scene: QuantisedScene) -> Case:
-    return Case(f"edge/streaming-{name}", purpose, vector_file(scene), ("R-7.13-1",), scene=scene)
+    return Case(f"edge/streaming-{name}", purpose, write_file(scene), ("R-7.13-1",), scene=scene)

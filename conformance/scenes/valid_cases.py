@@ -11,7 +11,8 @@ from conformance.scenes.made import build, static_plans, worked_scene
 from conformance.scenes.neural_scenes import neural_plans
 from conformance.scenes.page_scenes import paged_cases
 from conformance.scenes.streaming_scenes import streaming_file, streaming_scene
-from conformance.surgery.files import vector_file
+from conformance.writer.file import write_file
+from conformance.writer.options import WriteOptions
 from scarfmt.container.file import Block
 from scarfmt.container.schema import BlockFlag, BlockKind, RenderModel
 
@@ -37,13 +38,15 @@ _ANNOTATIONS = (
 def valid_cases() -> Iterator[Case]:
     """The vectors of the classes ``valid`` and ``edge`` that are a plan, and the worked file."""
     worked = worked_scene()
-    yield Case("worked", "the worked file of SPEC.md, §4.2", vector_file(worked), scene=worked)
+    yield Case("worked", "the worked file of SPEC.md, §4.2", write_file(worked), scene=worked)
     for name, (purpose, plan) in {**static_plans(), **neural_plans()}.items():
         id_ = f"{'edge' if name in EDGES else 'valid'}/{name}"
         scene = build(plan)
+        options = WriteOptions()
         if name == "annotations":
             scene = replace(scene, fields=replace(scene.fields, render_model=RenderModel.TWO_DIMENSIONAL))
-        yield Case(id_, purpose, vector_file(scene, _ANNOTATIONS if name == "annotations" else ()), scene=scene)
+            options = WriteOptions(blocks=_ANNOTATIONS)
+        yield Case(id_, purpose, write_file(scene, options), scene=scene)
     yield from paged_cases()
     purpose = "STREAMING: a view, boxes of three tiles"
     yield Case("valid/streaming", purpose, streaming_file(), ("R-7.13-1",), scene=streaming_scene())

@@ -14,8 +14,9 @@ from conformance.decoders.python.models import parse_tables
 from conformance.decoders.python.numbers import Numbers
 from conformance.expect.expectations import decoded_arrays
 from conformance.scenes.made import worked_scene
-from conformance.surgery.files import numbers_of, substream_bytes, vector_file
-from scarfmt.container.schema import BlockKind, Stream
+from conformance.surgery.files import substream_bytes
+from conformance.writer.file import write_file
+from scarfmt.container.schema import Stream
 from scarfmt.container.source import BytesSource
 from scarfmt.tools.dump import Dump
 
@@ -24,7 +25,7 @@ Row = tuple[int, int, str, str]
 
 def worked_file() -> bytes:
     """The bytes of the file."""
-    return vector_file(worked_scene())
+    return write_file(worked_scene())
 
 
 def field_rows(data: bytes) -> list[Row]:
@@ -37,9 +38,11 @@ def field_rows(data: bytes) -> list[Row]:
 def table_rows(block: bytes) -> Iterator[str]:
     """The state with which decoding of a TABLES block begins; then, for each table, its numbers and what they say."""
     yield f"state 0x{Rans(block, {}).state:X}, numbers of 0 or more:"
-    (_, count), *numbers = numbers_of(block, BlockKind.TABLES)
+    read = Numbers(block)
+    tables = parse_tables(read)
+    (_, count), *numbers = read.taken
     yield f"table_count {count}"
-    for number, (values, weights) in parse_tables(Numbers(block)).items():
+    for number, (values, weights) in tables.items():
         # 4 of the key; more and first; gaps, precision and weights.
         size = 6 if len(values) == 1 else 6 + 2 * len(values)
         sent, numbers = numbers[:size], numbers[size:]

@@ -24,7 +24,7 @@ from conformance.decoders.python.arithmetic import (
 )
 from conformance.decoders.python.index_network import Coder, Network, frequencies, parse_network
 from conformance.decoders.python.numbers import Numbers
-from conformance.writer.networks import network_block
+from scarfmt.blocks.index_network import pack_network
 from scarfmt.neural import arithmetic, network
 from scarfmt.scene.model import Codebooks
 
@@ -92,7 +92,7 @@ def worked_network() -> network.IndexNetwork:
 
 def plain_network() -> Network:
     """The network read back from its block."""
-    return parse_network(Numbers(network_block(worked_network())))
+    return parse_network(Numbers(pack_network(worked_network())))
 
 
 def _shown(value: Any) -> str:

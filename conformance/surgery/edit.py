@@ -48,7 +48,7 @@ def further(number: int) -> int:
     return number + (1 if number > 0 else -1)
 
 
-def numbered(*changes: tuple[str, int]) -> Callable[[list[Number]], list[Number]]:
+def numbered(*changes: tuple[str | None, int]) -> Callable[[list[Number]], list[Number]]:
     """A change of numbers: others for these fields, each for the first after the one before."""
 
     def put(numbers: list[Number]) -> list[Number]:

@@ -1,33 +1,25 @@
-"""Whole files for the vectors, and faults put in with all checksums right."""
+"""Faults put into blocks of whole files, all checksums right."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 from dataclasses import replace
+from typing import Any
 
-from conformance.decoders.python.decoder import parse_codebooks
-from conformance.decoders.python.front import NO_TILE, Root, read_entries, read_tiles
-from conformance.decoders.python.index_network import parse_network
-from conformance.decoders.python.models import parse_networks, parse_tables
-from conformance.decoders.python.numbers import Numbers
-from conformance.decoders.python.predictors import parse_predictors
+from conformance.decoders.python.front import NO_TILE, Root, read_entries
 from conformance.spec.spec_text import size_of
-from conformance.surgery.parts import Row, substreams, unpack
-from conformance.writer.container import Counts, write_container
-from conformance.writer.file import write_file
+from conformance.surgery.parts import substreams, taken_apart, unpack
+from conformance.writer.file import Counts, count_rows, write_blocks
 from conformance.writer.numbers import Number, numbers_block
-from conformance.writer.options import WriteOptions
-from scarfmt.coding.writer import QuantisedScene
-from scarfmt.container.file import Block, HeaderFields, Tile
-from scarfmt.container.schema import BlockKind, ColourSpace, CoordinateFrame, RenderModel, Stream
+from scarfmt.blocks.declare import NumberRecord, Scope
+from scarfmt.blocks.registry import BLOCKS
+from scarfmt.container.file import Block
+from scarfmt.container.schema import BlockKind, Stream
 from scarfmt.container.substreams import pack_substreams, unpack_table
+from scarfmt.entropy.numbers import NumberReader
 
-_PLAIN = WriteOptions()
-_PARSERS: dict[int, Callable[[Numbers], object]] = {
-    BlockKind.TABLES: parse_tables, BlockKind.CODEBOOKS: parse_codebooks, BlockKind.DECODER_MLP: parse_networks,
-    BlockKind.SCENE_MLP: parse_networks, BlockKind.ENTROPY_NETWORK: parse_network,
-    BlockKind.PREDICTORS: parse_predictors,
-}
+NUMBERS = {kind: spec.declaration for kind, spec in BLOCKS.items() if isinstance(spec.declaration, NumberRecord)}
+"""By kind, the layout of blocks of adaptive numbers."""
 
 
 def blocks_of(data: bytes) -> list[Block]:
@@ -53,10 +45,10 @@ def copied(data: bytes, kind: BlockKind, layer: int) -> bytes:
 
 def rebuilt(data: bytes, blocks: Iterable[Block], counts: Counts | None = None) -> bytes:
     """The file with other blocks, and perhaps other counts of its layers; everything about them is recomputed."""
-    header = unpack("FILE_HEADER", data)
-    tiles = [Tile(*tile) for tile in read_tiles(data, Root(data))]
-    kept = layer_counts_of(data) if counts is None else counts
-    return write_container(_fields(header), tiles, blocks, kept, page_bits=header["page_bits"])
+    parts = taken_apart(data)
+    if counts is not None:
+        parts.layers = count_rows(counts)
+    return write_blocks(parts, blocks)
 
 
 def layer_counts_of(data: bytes) -> Counts:
@@ -65,21 +57,6 @@ def layer_counts_of(data: bytes) -> Counts:
     starts = range(size_of("FILE_HEADER"), end, size_of("LAYER_SUMMARY"))
     layers = [unpack("LAYER_SUMMARY", data, start) for start in starts]
     return [(layer["anchor_count"], layer["gaussian_count"]) for layer in layers]
-
-
-def _fields(header: Row) -> HeaderFields:
-    names = ("profile", "sh_degree", "slots", "lattice_bits", "origin", "voxel", "source_count")
-    return HeaderFields(
-        **{name: header[name] for name in names},
-        coordinate_frame=CoordinateFrame(header["coordinate_frame"]),
-        colour_space=ColourSpace(header["colour_space"]),
-        render_model=RenderModel(header["render_model"]),
-    )
-
-
-def vector_file(scene: QuantisedScene, extra: Iterable[Block] = (), options: WriteOptions = _PLAIN) -> bytes:
-    """The file of a scene, by the writer of the suite; `extra` blocks are added."""
-    return write_file(scene, replace(options, blocks=(*options.blocks, *extra)))
 
 
 def changed(data: bytes, kind: BlockKind, layer: int, change: Callable[[bytes], bytes], count: int = 0) -> bytes:
@@ -103,13 +80,31 @@ def renumbered(
     return changed(data, kind, 1, lambda payload: numbers_block(change(numbers_of(payload, kind))), count)
 
 
-def numbers_of(payload: bytes, kind: BlockKind) -> list[Number]:
+class NumberRecorder(NumberReader):
+    """A reader of a block that keeps all numbers that it reads in `read`."""
+
+    def __init__(self, payload: bytes) -> None:
+        super().__init__(payload, "recorded")
+        self.read: list[Number] = []
+
+    def number(self, name: Any) -> int:
+        self.read.append((name, super().number(name)))
+        return self.read[-1][1]
+
+    def read_all(self, kind: int) -> None:
+        """Read a block of this kind of numbers to its end."""
+        reader: Any = self
+        NUMBERS[kind].take(reader, Scope({}))
+        self.finish()
+
+
+def numbers_of(payload: bytes, kind: int) -> list[Number]:
     """The numbers of a sound block, if it is of numbers."""
-    if kind not in _PARSERS:
+    if kind not in NUMBERS:
         return []
-    numbers = Numbers(payload)
-    _PARSERS[kind](numbers)
-    return numbers.taken
+    reader = NumberRecorder(payload)
+    reader.read_all(kind)
+    return reader.read
 
 
 def with_substream(data: bytes, layer: int, stream: Stream, change: Callable[[bytes], bytes]) -> bytes:

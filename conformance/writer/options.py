@@ -49,8 +49,6 @@ class WriteOptions:
         weights, unused: of the tables made from the symbols: their weights; values added to each alphabet.
         renewal: when later layers send tables.
         empty_tiles: whether there is a TILE block for every tile and layer, also of neither anchors nor records.
-        class_columns: class columns that predictors store at least, also without weights; 0..15.
-        grid_ones: `ones` of every level of the hash grid; None: the share of bits that are 1.
         metadata: bytes of the METADATA block; None: the scene's, as R-7.10-2 recommends, or no block.
         blocks: further blocks.
         page_bits: a page has 2^page_bits tiles.
@@ -62,8 +60,6 @@ class WriteOptions:
     unused: tuple[int, ...] = ()
     renewal: Renewal = Renewal.NEEDED
     empty_tiles: bool = False
-    class_columns: int = 0
-    grid_ones: int | None = None
     metadata: bytes | None = None
     blocks: tuple[Block, ...] = ()
     page_bits: int = PAGE_BITS

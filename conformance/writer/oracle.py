@@ -10,7 +10,7 @@ from itertools import pairwise
 from conformance.decoders.python.arithmetic import Matrix, Vector, clamp
 from conformance.decoders.python.index_network import Coder, frequencies, parse_network
 from conformance.decoders.python.numbers import Numbers
-from conformance.writer.networks import network_block
+from scarfmt.blocks.index_network import pack_network
 from scarfmt.neural.network import IndexNetwork
 
 
@@ -26,7 +26,7 @@ class Oracle:
     """
 
     def __init__(self, network: IndexNetwork, coarse: Matrix, residual: Matrix) -> None:
-        self.network = parse_network(Numbers(network_block(network)))
+        self.network = parse_network(Numbers(pack_network(network)))
         books = zip(self.network.heads, (coarse, residual), strict=False)
         self._coders = [Coder(self.network, head, book) for head, book in books]
 

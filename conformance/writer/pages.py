@@ -9,8 +9,9 @@ import struct
 import zlib
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from typing import Any
 
-from conformance.writer.fields import varint
+from scarfmt.container.bytefields import unsigned_varint as varint
 
 DEEPEST = 21
 PAGE_BITS = 10
@@ -71,6 +72,17 @@ class RowPage:
 
 
 @dataclass
+class RawPage:
+    """A page of any bytes, for files whose directory is wrong."""
+
+    data: bytes
+
+    def packed(self) -> bytes:
+        """The bytes of the page."""
+        return self.data
+
+
+@dataclass
 class RootRow:
     """The fields of a row page in ROOT. If the page does not exist, `row_bytes` is 0, and so are the others."""
 
@@ -120,11 +132,14 @@ def _row_bytes(row: RootRow) -> bytes:
 
 @dataclass
 class Pages:
-    """ROOT and the pages: `tiles` page by page; `rows` layer by layer, then page by page, None where there is none."""
+    """ROOT and the pages: `tiles` page by page; `rows` layer by layer, then page by page, None where there is none.
+
+    Each is a :class:`TilePage` or :class:`RowPage`, or a :class:`RawPage`.
+    """
 
     root: Root
-    tiles: list[TilePage]
-    rows: list[list[RowPage | None]]
+    tiles: list[Any]
+    rows: list[list[Any]]
 
     def settle(self) -> None:
         """Make right what ROOT says of the bytes of pages: their lengths and checksums, not the sums."""

@@ -12,7 +12,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from conformance.writer.fields import folded
 from conformance.writer.numbers import Number
 from conformance.writer.options import MAX_TABLE_WEIGHT, Renewal, Tables, Weights, WriteOptions
 from scarfmt.coding.writer import Histogram
@@ -61,6 +60,11 @@ def _record(record: Record) -> Iterator[Number]:
         precision = min(max(record.weights).bit_length() - 1, _MOST_PRECISION)
         yield ("precision", kind), precision
         yield from ((("weights", precision), weight - 1) for weight in record.weights)
+
+
+def folded(value: int) -> int:
+    """A signed number as one of 0 or more: 0, -1, 1, -2, ... as 0, 1, 2, 3, ..."""
+    return 2 * value if value >= 0 else -2 * value - 1
 
 
 def table_of(values: Sequence[int], weights: Sequence[int]) -> SymbolTable:

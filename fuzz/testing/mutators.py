@@ -9,28 +9,25 @@ from __future__ import annotations
 import contextlib
 import functools
 import struct
-from collections.abc import Callable, Hashable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from random import Random
 from typing import Any
 
 from conformance.decoders.python.fields import Refused
 from conformance.spec.spec_text import size_of, structure
-from conformance.surgery.files import blocks_of, layer_counts_of, rebuilt, stream_bytes
+from conformance.surgery.files import NUMBERS, NumberRecorder, blocks_of, layer_counts_of, rebuilt, stream_bytes
 from conformance.surgery.parts import repaged, rerooted, taken_apart
-from conformance.surgery.raw_pages import RawRows, RawTiles
 from conformance.surgery.reseal import is_file, resealed
-from conformance.writer.pages import Pages
-from scarfmt.blocks.declare import NumberRecord, Scope
-from scarfmt.blocks.registry import BLOCKS
+from conformance.writer.numbers import Number, numbers_block
+from conformance.writer.pages import Pages, RawPage
 from scarfmt.container.bytefields import unsigned_varint
 from scarfmt.container.file import Block
 from scarfmt.container.schema import SIGNATURE, VERSION, BlockKind
-from scarfmt.entropy.numbers import LARGEST, NumberReader, NumberWriter
+from scarfmt.entropy.numbers import LARGEST
 from scarfmt.errors import ScarError
 
 SEAL_CHANCE = 0.5
-NUMBERS = tuple(kind for kind, spec in BLOCKS.items() if isinstance(spec.declaration, NumberRecord))
 MODELS = (BlockKind.LAYER, BlockKind.HASH_GRID)
 SPECIAL_NUMBERS = (0, 1, 2, 127, 128, 255, 256, 65535, 65536, 1 << 31, (1 << 32) - 1, 1 << 53, 1 << 63, (1 << 64) - 1)
 """Numbers at which arithmetic goes wrong."""
@@ -304,8 +301,7 @@ def page_bytes(pages: Pages, dice: Dice) -> None:
     """Bytes or varints of a tile page or a row page."""
     tiles: list[tuple[list[Any], int]] = [(pages.tiles, number) for number in range(len(pages.tiles))]
     group, number = dice.choice([*tiles, *_row_pages(pages)])
-    raw = RawTiles if group is pages.tiles else RawRows
-    group[number] = raw([], [], [], altered(group[number].packed(), dice))
+    group[number] = RawPage(altered(group[number].packed(), dice))
 
 
 @_on_bytes
@@ -389,36 +385,20 @@ def _on_payload(*kinds: int) -> Callable[[Operator], Operator]:
     return registered
 
 
-class _Recorder(NumberReader):
-    """A reader that keeps (name of the number model, number) of all that it reads."""
-
-    def __init__(self, payload: bytes) -> None:
-        super().__init__(payload, "fuzz")
-        self.read: list[tuple[Hashable, int]] = []
-
-    def number(self, name: Hashable) -> int:
-        self.read.append((name, super().number(name)))
-        return self.read[-1][1]
-
-
-def _numbers(payload: bytes) -> list[tuple[Hashable, int]]:
+def _numbers(payload: bytes) -> list[Number]:
     """The numbers of a block, as far as it can be read."""
-    found: list[tuple[Hashable, int]] = []
-    for declaration in (BLOCKS[kind].declaration for kind in NUMBERS):
+    found: list[Number] = []
+    for kind in NUMBERS:
         with contextlib.suppress(ScarError):
-            reader: Any = _Recorder(payload)
+            reader = NumberRecorder(payload)
             found = reader.read
-            declaration.take(reader, Scope({}))
-            reader.finish()
+            reader.read_all(kind)
             break
     return found
 
 
-def _written(numbers: Iterable[tuple[Hashable, int]]) -> bytes:
-    writer = NumberWriter()
-    for name, number in numbers:
-        writer.number(name, min(max(number, 0), LARGEST))
-    return writer.finish()
+def _written(numbers: Iterable[Number]) -> bytes:
+    return numbers_block((name, min(max(number, 0), LARGEST)) for name, number in numbers)
 
 
 @_on_payload(*NUMBERS)

@@ -16,7 +16,7 @@ from scarfmt_conformance.reference.answers import Manner
 
 from conformance.decoders.python import answers as readable
 from conformance.decoders.python.fields import Rans, Refused, Table, cumulative
-from conformance.surgery.files import vector_file
+from conformance.writer.file import write_file
 from fuzz.corpus import corpus
 from fuzz.target import decoded_by
 from fuzz.testing.mutators import mutate
@@ -59,7 +59,7 @@ def test_the_readable_decoder_reads_scenes_the_same(
     tmp_path: Path, seed: int, profile: Profile, make: Callable[..., QuantisedScene]
 ) -> None:
     """Every exact array of every stage, after every layer: a writer and two readers that share no code."""
-    data = vector_file(make(seed, profile, anchors=30, layers=1 + seed % 3, tiles=2))
+    data = write_file(make(seed, profile, anchors=30, layers=1 + seed % 3, tiles=2))
     path = tmp_path / "scene.scar"
     path.write_bytes(data)
     for layer in range(1, 2 + seed % 3):
