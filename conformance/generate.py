@@ -32,7 +32,6 @@ from conformance.faults.stream_faults import stream_faults
 from conformance.faults.streaming_faults import streaming_either, streaming_faults
 from conformance.faults.truncated_cases import truncated_cases
 from conformance.faults.work_cases import work_cases
-from conformance.faults.work_pairs import work_pairs
 from conformance.scenes.cases import Case
 from conformance.scenes.edge_scenes import edge_cases
 from conformance.scenes.streaming_scenes import streaming_cases
@@ -76,7 +75,6 @@ def _all_cases() -> Iterator[Case]:
     yield from metadata_faults()
     yield from streaming_faults()
     yield from work_cases()
-    yield from work_pairs()
     yield from either_cases(files)
     yield from streaming_either()
     yield from (with_origin(case, by_name) for case in truncated_cases(files))

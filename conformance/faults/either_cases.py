@@ -8,10 +8,11 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
 
-from conformance.scenes.cases import Case
+from conformance.scenes.cases import Case, taken
 from conformance.scenes.container_scenes import anchor_file, anchor_scene, paged_file, plain_file, plain_scene
-from conformance.surgery.edit import Changes, more, plus
-from conformance.surgery.parts import block_added, block_with, broken, entry_with, remade, taken_apart
+from conformance.surgery.edit import Changes, more, plus, replaced
+from conformance.surgery.files import changed
+from conformance.surgery.parts import block_added, broken, entry_with, remade, taken_apart
 from scarfmt.coding.writer import QuantisedScene
 
 _METADATA = 64
@@ -31,14 +32,10 @@ def either_cases(files: Mapping[str, tuple[bytes, QuantisedScene]]) -> Iterator[
     neural, scene = files["anchors-neural"]
     for name, kind in _KINDS.items():
         data = broken(neural, entry_with(kind, count=more))
-        yield _taken(f"count-{name}", f"the directory counts one element too many in {name.upper()}", data, scene,
+        yield taken(f"count-{name}", f"the directory counts one element too many in {name.upper()}", data, scene,
                      "R-5.4-19", "entry-count")
     yield from _short_cases()
     yield from _idle_block_cases()
-
-
-def _taken(id_: str, purpose: str, data: bytes, scene: QuantisedScene, rule: str, *refusals: str) -> Case:
-    return Case(f"either/{id_}", purpose, data, (rule,), scene=scene, refusals=refusals)
 
 
 def _sum_cases() -> Iterator[Case]:
@@ -51,7 +48,7 @@ def _sum_cases() -> Iterator[Case]:
     )
     for name, purpose, rule, refusal, changes in rows:
         base, scene = (plain_file(), plain_scene()) if "stream" in name else (anchor_file(), anchor_scene())
-        yield _taken(name, purpose, broken(base, changes), scene, rule, refusal)
+        yield taken(name, purpose, broken(base, changes), scene, rule, refusal)
 
 
 def _gaussians(by: int) -> Changes:
@@ -78,11 +75,11 @@ def _short_cases() -> Iterator[Case]:
 def _idle_block_cases() -> Iterator[Case]:
     """Faults in blocks that no decoder has need of (R-5.6-3): one that looks at them all the same may refuse."""
     plain, silent = plain_file(), replace(plain_scene(), metadata={})
-    yield _taken("metadata-not-json", "METADATA that is not JSON, which a decoder does not look at",
-                 remade(plain, block_with(_METADATA, b"{title: container}")), silent, "R-7.10-1", "bad-metadata")
-    yield _taken("metadata-crc", "METADATA with a wrong CRC",
+    yield taken("metadata-not-json", "METADATA that is not JSON, which a decoder does not look at",
+                 changed(plain, _METADATA, 1, replaced(b"{title: container}")), silent, "R-7.10-1", "bad-metadata")
+    yield taken("metadata-crc", "METADATA with a wrong CRC",
                  broken(plain, entry_with(_METADATA, crc32=plus(-1))), plain_scene(), "R-5.6-1",
                  "crc-mismatch")
     annotated = remade(plain, block_added(b"annotation", kind=70, layer=2))
-    yield _taken("annotation-crc", "an unknown block with a wrong CRC",
+    yield taken("annotation-crc", "an unknown block with a wrong CRC",
                  broken(annotated, {"entries.-1.crc32": more}), plain_scene(), "R-5.6-1", "crc-mismatch")

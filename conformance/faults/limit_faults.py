@@ -8,7 +8,7 @@ from __future__ import annotations
 import zlib
 from collections.abc import Iterator
 
-from conformance.scenes.cases import Case
+from conformance.scenes.cases import Case, refused
 from conformance.scenes.container_scenes import (
     anchor_file,
     crowd_scene,
@@ -35,11 +35,6 @@ def limit_faults() -> Iterator[Case]:
     yield from _block_limits()
 
 
-def _refused(id_: str, purpose: str, rule: str, refusal: str, data: bytes, extend_to: int = 0) -> Case:
-    return Case(f"invalid/{id_}", purpose, data, (rule, "R-13.1-1"), refusals=(refusal,), stage="container",
-                extend_to=extend_to)
-
-
 def _either(id_: str, purpose: str, rule: str, data: bytes, *refusals: str) -> Case:
     return Case(f"either/{id_}", purpose, data, (rule, "R-13.2-1"), refusals=refusals, stage="container")
 
@@ -47,15 +42,15 @@ def _either(id_: str, purpose: str, rule: str, data: bytes, *refusals: str) -> C
 def _header_limits() -> Iterator[Case]:
     base = root_file()
     for name, count in (("limit-tiles", _MAX_TILES + 1), ("limit-tiles-top", (1 << 32) - 1)):
-        yield _refused(name, f"tile_count is {count} in a small file", "R-5.2-19", "limit-tiles",
-                       broken(base, header_with(tile_count=count)))
+        yield refused(name, f"tile_count is {count} in a small file", "R-5.2-19 R-13.1-1", "limit-tiles",
+                      broken(base, header_with(tile_count=count)), "container")
     yield _either("limit-tiles", "tile_count is 2^20 + 1, and ROOT has one page", "R-5.2-19",
                   broken(base, header_with(tile_count=_READER_TILES + 1)), "limit-tiles", "payload-short")
     yield _either("limit-root", "root_length is 2^24 + 1, and the blocks begin before that", "R-5.2-19",
                   broken(base, header_with(root_length=_READER_ROOT + 1)), "limit-root", "layer-offset")
     for name, count in (("limit-anchors", _MAX_ANCHORS + 1), ("limit-anchors-2-63", 1 << 63)):
-        yield _refused(name, f"{count} anchors declared", "R-5.2-19", "limit-anchors",
-                       broken(base, _counts(anchor=count, gaussian=count)))
+        yield refused(name, f"{count} anchors declared", "R-5.2-19 R-13.1-1", "limit-anchors",
+                      broken(base, _counts(anchor=count, gaussian=count)), "container")
     yield _either("limit-gaussians", "2^36 + 1 Gaussians declared, more than the anchors can have", "R-5.2-19",
                   broken(anchor_file(), _counts(gaussian=_READER_GAUSSIANS + 1)), "limit-gaussians", "layer-counts")
 
@@ -87,14 +82,14 @@ def _expansion_met() -> Case:
 def _block_limits() -> Iterator[Case]:
     for name, length in (("limit-block-bytes", _MAX_BLOCK + 1), ("limit-block-bytes-4-gib", (1 << 32) + 8)):
         parts = long_last_block(root_file(), length, kind=_PRIVATE)
-        yield _refused(name, f"an unknown block of {length} zeros", "R-5.4-9", "limit-block-bytes", parts.sealed(),
-                       parts.header["file_length"])
+        yield refused(name, f"an unknown block of {length} zeros", "R-5.4-9 R-13.1-1", "limit-block-bytes",
+                      parts.sealed(), "container", parts.header["file_length"])
     parts = long_last_block(plain_file(), _READER_BLOCK + 1, kind=_PRIVATE, layer=2)
     yield Case("either/limit-block-bytes", "an unknown block of 2^28 + 1 zeros, which no decoder needs", parts.sealed(),
                ("R-5.4-9", "R-13.2-1", "R-5.6-3"), scene=plain_scene(), refusals=("limit-block-bytes",),
                stage="container", extend_to=parts.header["file_length"])
-    yield _refused("limit-tile-anchors", "65537 anchors in one TILE block; all is well otherwise", "R-5.5-9",
-                   "limit-tile-anchors", _crowded())
+    yield refused("limit-tile-anchors", "65537 anchors in one TILE block; all is well otherwise", "R-5.5-9 R-13.1-1",
+                  "limit-tile-anchors", _crowded(), "container")
 
 
 def long_last_block(base: bytes, length: int, kind: int, layer: int = 1, start: bytes = b"") -> Parts:
@@ -117,7 +112,7 @@ def _crowded() -> bytes:
 
     def change(parts: Parts) -> None:
         count = _MAX_TILE_ANCHORS + 1
-        parts.entry(TILE_KIND)["count"] = count
+        parts.entries[parts.row(TILE_KIND)]["count"] = count
         parts.layers[0].update(anchor_count=count, gaussian_count=count)
 
     return remade(write_file(crowd_scene((_MAX_TILE_ANCHORS,))), change)

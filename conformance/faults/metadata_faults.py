@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from conformance.faults.limit_faults import long_last_block
-from conformance.scenes.cases import Case
+from conformance.scenes.cases import Case, refused
 from conformance.scenes.container_scenes import root_file
 from conformance.surgery.parts import block_added, broken, entry_with, remade
 
@@ -48,19 +48,14 @@ _DEEP = (
 def metadata_faults() -> Iterator[Case]:
     """Each is refused by who reports metadata, and decoded by who does not look at it."""
     parts = long_last_block(root_file(), _MAX_BYTES + 1, kind=_METADATA, start=b"{}")
-    yield Case("invalid/limit-metadata", "16 MiB and a byte of METADATA, refused before it is read", parts.sealed(),
-               ("R-7.10-1", "R-13.1-1"), refusals=("limit-metadata",), stage="metadata",
-               extend_to=parts.header["file_length"])
-    for name, purpose, text in _NOT_JSON:
-        yield _refused(name, purpose, "R-7.10-1", "bad-metadata", text)
-    for name, purpose, text in _DEEP:
-        yield _refused(name, purpose, "R-7.10-3", "limit-metadata", text)
-    sound = remade(root_file(), block_added(b"{}", kind=_METADATA, flags=2))
-    wrong = broken(sound, entry_with(_METADATA, crc32=0))
-    yield Case("invalid/metadata-crc-zero", "METADATA whose CRC says 0", wrong, ("R-5.6-1",),
-               refusals=("crc-mismatch",), stage="metadata")
+    yield refused("limit-metadata", "16 MiB and a byte of METADATA, refused before it is read", "R-7.10-1 R-13.1-1",
+                  "limit-metadata", parts.sealed(), "metadata", parts.header["file_length"])
+    for rows, rule, refusal in ((_NOT_JSON, "R-7.10-1", "bad-metadata"), (_DEEP, "R-7.10-3", "limit-metadata")):
+        for name, purpose, text in rows:
+            yield refused(f"metadata-{name}", purpose, rule, refusal, _with_text(text), "metadata")
+    wrong = broken(_with_text(b"{}"), entry_with(_METADATA, crc32=0))
+    yield refused("metadata-crc-zero", "METADATA whose CRC says 0", "R-5.6-1", "crc-mismatch", wrong, "metadata")
 
 
-def _refused(name: str, purpose: str, rule: str, refusal: str, text: bytes) -> Case:
-    data = remade(root_file(), block_added(text, kind=_METADATA, flags=2))
-    return Case(f"invalid/metadata-{name}", purpose, data, (rule,), refusals=(refusal,), stage="metadata")
+def _with_text(text: bytes) -> bytes:
+    return remade(root_file(), block_added(text, kind=_METADATA, flags=2))

@@ -5,12 +5,11 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from conformance.scenes.cases import Case, Fault, refused
-from conformance.surgery.edit import Changes, append, more, splice
+from conformance.surgery.edit import Changes, append, more, replaced, splice
+from conformance.surgery.files import changed
 from conformance.surgery.parts import (
     TILE_KIND,
-    Parts,
     block_added,
-    block_changed,
     broken,
     entry_with,
     flipped,
@@ -108,22 +107,12 @@ def _page_faults(base: bytes) -> Iterator[Fault]:
 
 
 def _block_faults(base: bytes) -> Iterator[Fault]:
-    first, second = (remade(base, block_changed(_LAYER, append(), layer)) for layer in (1, 2))
+    first, second = (changed(base, _LAYER, layer, append()) for layer in (1, 2))
     yield ("block-crc", "the CRC of TABLES in layer 2 before the content of LAYER in layer 1", "R-5.6-1",
            "crc-mismatch", broken(first, entry_with(_TABLES, 2, crc32=more)))
     yield ("models", "the content of LAYER in layer 2 before the CRC of a TILE block in layer 1", "R-5.7-2",
            "payload-long", broken(second, entry_with(TILE_KIND, crc32=more)))
     yield ("layer-by-layer", "TABLES of layer 1 before LAYER of layer 2", "R-8.2-1", "rans-length",
-           remade(base, _bad_tables_and_layer))
+           changed(changed(base, _TABLES, 1, append()), _LAYER, 2, replaced(b"\2")))
     yield ("tables-codebooks", "TABLES of layer 2 before CODEBOOKS of layer 1", "R-8.2-1", "rans-last-word",
-           remade(base, _bad_tables_and_books))
-
-
-def _bad_tables_and_layer(parts: Parts) -> None:
-    parts.put(_TABLES, 1, append())
-    parts.put(_LAYER, 2, lambda _: b"\2")
-
-
-def _bad_tables_and_books(parts: Parts) -> None:
-    parts.put(_TABLES, 2, lambda _: bytes(4))
-    parts.put(_CODEBOOKS, 1, lambda _: b"\0")
+           changed(changed(base, _TABLES, 2, replaced(bytes(4))), _CODEBOOKS, 1, replaced(b"\0")))

@@ -6,10 +6,12 @@ import struct
 from collections.abc import Iterator
 from dataclasses import replace
 
-from conformance.scenes.cases import Case
+from conformance.scenes.cases import Case, refused, taken
 from conformance.scenes.container_scenes import plain_file, plain_scene
 from conformance.scenes.streaming_scenes import streaming_file, streaming_scene
-from conformance.surgery.parts import block_added, block_with, broken, entry_with, remade
+from conformance.surgery.edit import replaced
+from conformance.surgery.files import changed
+from conformance.surgery.parts import block_added, broken, entry_with, remade
 from conformance.writer.file import write_file
 from conformance.writer.options import WriteOptions
 from scarfmt.blocks.streaming import pack_streaming
@@ -61,16 +63,15 @@ _FAULTS = (
 def streaming_faults() -> Iterator[Case]:
     """Each is refused by who wants streaming information, and decoded by who does not look at it."""
     for name, purpose, rule, refusal, payload in _FAULTS:
-        data = remade(streaming_file(), block_with(_STREAMING, payload))
-        yield Case(f"invalid/streaming-{name}", purpose, data, (rule,), refusals=(refusal,), stage="streaming")
+        data = changed(streaming_file(), _STREAMING, 1, replaced(payload))
+        yield refused(f"streaming-{name}", purpose, rule, refusal, data, "streaming")
     wrong = broken(streaming_file(), entry_with(_STREAMING, crc32=0))
-    yield Case("invalid/streaming-crc", "STREAMING whose CRC says 0", wrong, ("R-5.6-1",), refusals=("crc-mismatch",),
-               stage="streaming")
+    yield refused("streaming-crc", "STREAMING whose CRC says 0", "R-5.6-1", "crc-mismatch", wrong, "streaming")
 
 
 def streaming_either() -> Iterator[Case]:
     """Faults that only a validator sees: blocks where none belongs, a count, and content that no decoder must read."""
-    plain, boxes = plain_file(), streaming_scene().streaming
+    plain, boxes, scene = plain_file(), streaming_scene().streaming, replace(plain_scene(), streaming=None)
     assert boxes is not None
     payload = pack_streaming(boxes)
     for name, purpose, entry in (
@@ -78,21 +79,14 @@ def streaming_either() -> Iterator[Case]:
         ("not-safe", "STREAMING that is not safe to copy", {"flags": 0}),
     ):
         data = remade(plain, block_added(payload, kind=_STREAMING, count=3, **entry))
-        yield _taken(name, purpose, data, "R-7.13-2", "bad-streaming")
+        yield taken(f"streaming-{name}", purpose, data, scene, "R-7.13-2", "bad-streaming")
     counted = broken(streaming_file(), entry_with(_STREAMING, count=4))
-    yield _taken("count", "the directory counts one tile too many", counted, "R-5.4-19", "entry-count")
-    text = remade(streaming_file(), block_with(_STREAMING, b"soon"))
-    yield _taken("text", "STREAMING that is text, which a decoder does not look at", text, "R-7.13-1", "count-limit",
-                 "bad-streaming")
-    scene = replace(plain_scene(), streaming=None)
+    yield taken("streaming-count", "the directory counts one tile too many", counted, scene, "R-5.4-19", "entry-count")
+    text = changed(streaming_file(), _STREAMING, 1, replaced(b"soon"))
+    yield taken("streaming-text", "STREAMING that is text, which a decoder does not look at", text, scene, "R-7.13-1",
+                "count-limit", "bad-streaming")
     large = write_file(scene, WriteOptions(blocks=(Block(int(BlockKind.THUMBNAIL), 1, bytes(65_536)),)))
-    yield Case("either/thumbnail-large", "a thumbnail of 65,536 bytes", large, ("R-7.15-1",), scene=scene,
-               refusals=("entry-length",))
+    yield taken("thumbnail-large", "a thumbnail of 65,536 bytes", large, scene, "R-7.15-1", "entry-length")
     scene = replace(scene, metadata={"coordinate_reference": {"crs": 25832, "origin": [0, 0, 0]}})
-    yield Case("either/metadata-reference", "a coordinate reference system that is a number", write_file(scene),
-               ("R-7.10-4",), scene=scene, refusals=("bad-metadata",))
-
-
-def _taken(name: str, purpose: str, data: bytes, rule: str, *refusals: str) -> Case:
-    scene = replace(plain_scene(), streaming=None)
-    return Case(f"either/streaming-{name}", purpose, data, (rule,), scene=scene, refusals=refusals)
+    yield taken("metadata-reference", "a coordinate reference system that is a number", write_file(scene), scene,
+                "R-7.10-4", "bad-metadata")

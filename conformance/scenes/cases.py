@@ -51,6 +51,14 @@ class Case:
         return "refused" if self.refusals else "decoded"
 
 
-def refused(name: str, purpose: str, rules: str, refusal: str, data: bytes, stage: str = "tiles") -> Case:
+def refused(
+    name: str, purpose: str, rules: str, refusal: str, data: bytes, stage: str = "tiles", extend_to: int = 0
+) -> Case:
     """A file that breaks a rule: the first of `rules`, which blanks separate."""
-    return Case(f"invalid/{name}", purpose, data, tuple(rules.split()), refusals=(refusal,), stage=stage)
+    return Case(f"invalid/{name}", purpose, data, tuple(rules.split()), refusals=(refusal,), stage=stage,
+                extend_to=extend_to)  # fmt: skip
+
+
+def taken(name: str, purpose: str, data: bytes, scene: QuantisedScene, rule: str, *refusals: str) -> Case:
+    """A file that a decoder may take, and then gets the scene, or refuse."""
+    return Case(f"either/{name}", purpose, data, (rule,), scene=scene, refusals=refusals)

@@ -33,12 +33,12 @@ def blocks_of(data: bytes) -> list[Block]:
     return out
 
 
-def block_of(data: bytes, kind: BlockKind, layer: int | None = None) -> Block:
+def block_of(data: bytes, kind: int, layer: int | None = None) -> Block:
     """The first block of a kind, or that of a layer."""
     return next(block for block in blocks_of(data) if block.kind == kind and layer in (None, block.layer))
 
 
-def copied(data: bytes, kind: BlockKind, layer: int) -> bytes:
+def copied(data: bytes, kind: int, layer: int) -> bytes:
     """The file with its first block of `kind` in `layer`, too."""
     return rebuilt(data, [*blocks_of(data), replace(block_of(data, kind), layer=layer)])
 
@@ -59,7 +59,7 @@ def layer_counts_of(data: bytes) -> Counts:
     return [(layer["anchor_count"], layer["gaussian_count"]) for layer in layers]
 
 
-def changed(data: bytes, kind: BlockKind, layer: int, change: Callable[[bytes], bytes], count: int = 0) -> bytes:
+def changed(data: bytes, kind: int, layer: int, change: Callable[[bytes], bytes], count: int = 0) -> bytes:
     """The file with the first block of `kind` in `layer` changed, lengths and checksums right.
 
     `count` is added to the block's count.
@@ -74,7 +74,7 @@ def changed(data: bytes, kind: BlockKind, layer: int, change: Callable[[bytes], 
 
 
 def renumbered(
-    data: bytes, kind: BlockKind, change: Callable[[list[Number]], list[Number]], count: int = 0
+    data: bytes, kind: int, change: Callable[[list[Number]], list[Number]], count: int = 0
 ) -> bytes:
     """The file with the numbers of its first block of `kind` in layer 1 changed; see :func:`changed`."""
     return changed(data, kind, 1, lambda payload: numbers_block(change(numbers_of(payload, kind))), count)
@@ -129,7 +129,7 @@ def stream_bytes(payload: bytes) -> dict[int, int]:
     return out
 
 
-def without(data: bytes, kind: BlockKind, layer: int) -> bytes:
+def without(data: bytes, kind: int, layer: int) -> bytes:
     """The file without its blocks of `kind` in `layer`."""
     return rebuilt(data, [block for block in blocks_of(data) if (block.kind, block.layer) != (kind, layer)])
 

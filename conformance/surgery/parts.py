@@ -73,21 +73,9 @@ class Parts:
     root_length: int = 0
     pages_length: int = 0
 
-    def entry(self, kind: int, layer: int = 1, tile: int | None = None) -> Row:
-        """The entry of a block; without `tile` the first of that kind."""
-        return self.entries[self.row(kind, layer, tile)]
-
-    def row(self, kind: int, layer: int = 1, tile: int | None = None) -> int:
-        """The row of that entry in the directory."""
-        return next(
-            number for number, entry in enumerate(self.entries)
-            if (entry["kind"], entry["layer"]) == (kind, layer) and tile in (None, entry["tile"])
-        )
-
-    def put(self, kind: int, layer: int, change: Callable[[bytes], bytes]) -> None:
-        """Replace the payload of the first block of `kind` in a layer by one made from it."""
-        row = self.row(kind, layer)
-        self.blocks[row] = change(self.blocks[row])
+    def row(self, kind: int, layer: int = 1) -> int:
+        """The row of the first entry of that kind in the directory."""
+        return next(n for n, entry in enumerate(self.entries) if (entry["kind"], entry["layer"]) == (kind, layer))
 
     def insert(self, row: int, payload: bytes = b"?", **entry: int) -> None:
         """One more block, its entry at `row`; fields not given are those of a private, ancillary block of layer 1."""
@@ -256,16 +244,6 @@ def field_at(name: str, field: str, start: int = 0, number: int = 0) -> int:
 def header_with(**numbers: Any) -> Changes:
     """A change of header fields."""
     return {f"header.{name}": number for name, number in numbers.items()}
-
-
-def block_with(kind: int, payload: bytes) -> Change:
-    """A change of the payload of the first block of `kind` in layer 1."""
-    return block_changed(kind, lambda _: payload)
-
-
-def block_changed(kind: int, change: Callable[[bytes], bytes], layer: int = 1) -> Change:
-    """A change of the payload of the first block of `kind` in a layer, made from it."""
-    return lambda parts: parts.put(kind, layer, change)
 
 
 def entry_with(kind: int, layer: int = 1, **fields: Any) -> Change:

@@ -13,7 +13,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from conformance.surgery.parts import block_added, block_with, remade, repaged
+from conformance.surgery.files import changed
+from conformance.surgery.parts import block_added, remade, repaged
 from conformance.surgery.reseal import resealed
 from conformance.writer.pages import Pages
 from fuzz.bombs import SCALE, build, channels, zero_tables
@@ -53,7 +54,7 @@ def _large_tables() -> bytes:
 
 
 def _with_tables(payload: bytes) -> bytes:
-    return remade(_base(), block_with(BlockKind.TABLES, payload))
+    return changed(_base(), BlockKind.TABLES, 1, lambda _: payload)
 
 
 def _with_count(offset: int, size: int, value: int) -> bytes:
