@@ -93,14 +93,18 @@ def time_calls(act: Callable[[], object], runs: int = DECODE_RUNS) -> dict[str, 
     return {"walls": walls, "cpus": cpus, "seconds": min(walls)}
 
 
-def peak_bytes() -> int:
-    """Most memory this process ever held, bytes.
+def peak_bytes(process: int | str = "self") -> int:
+    """Most memory a process ever held, bytes; 0 of another that has ended.
 
     Not `ru_maxrss` where Linux offers better: that one survives exec, so a child starts with its parent's peak.
     """
-    status = Path("/proc/self/status")
-    if status.exists():
-        return int(status.read_text(encoding="utf-8").split("VmHWM:")[1].split()[0]) * 1024
+    try:
+        status = Path(f"/proc/{process}/status").read_text(encoding="utf-8", errors="replace")
+    except OSError:
+        status = ""
+    _, found, rest = status.partition("VmHWM:")
+    if found or process != "self":
+        return int(rest.split()[0]) * 1024 if found else 0
     import resource
 
     # Bytes on macOS, the one other system this runs on.

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -82,6 +83,14 @@ def worst_kind(row: Row) -> tuple[str, float]:
 def margin(ours: Row, theirs: Row, levels: Sequence[str] = LEVELS) -> float:
     """How much better `ours` is where it is least so: dB, negative where it lacks something."""
     return min(float(ours[level]) - float(theirs[level]) for level in levels)
+
+
+def bytes_at(curve: Sequence[tuple[float, float]], at: float) -> float | None:
+    """Bytes at a PSNR on a curve through (dB, bytes) points, ascending; None where it does not reach."""
+    for low, high in pairwise(curve):
+        if low[0] <= at <= high[0]:
+            return interpolate_bytes(low, high, at)
+    return curve[0][1] if len(curve) == 1 and curve[0][0] == at else None
 
 
 def interpolate_bytes(low: tuple[float, float], high: tuple[float, float], at: float) -> float:

@@ -8,7 +8,6 @@ there too; with --no-write, all are.
 
 from __future__ import annotations
 
-import argparse
 import sys
 from pathlib import Path
 
@@ -16,7 +15,7 @@ from PIL import Image
 
 from benchmarks.encode_cache import encode_scene
 from benchmarks.judge import judge
-from benchmarks.report import SCRATCH, add_arguments
+from benchmarks.report import SCRATCH, make_parser
 from benchmarks.scenes import REPOSITORY, Scene, select_scenes
 from reference_encoder.options import EncodeOptions
 from scarfmt.arrays import F32
@@ -69,8 +68,7 @@ def draw_sheet(scene: Scene, quality: float, publish: bool = True) -> Path:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    add_arguments(parser)
+    parser = make_parser(__doc__, report=False)
     parser.add_argument("--quality", type=float)
     arguments = parser.parse_args()
     short = arguments.short

@@ -36,10 +36,10 @@ from benchmarks.judge import (
 from benchmarks.provenance import statement
 from benchmarks.report import (
     RESULTS_PAGE,
-    add_arguments,
     add_provenance,
     load_document,
     load_results,
+    make_parser,
     replace_section,
     save_results,
     table,
@@ -360,12 +360,10 @@ def record_example(keep: bool) -> None:
 
 def main() -> None:
     """The command line."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    add_arguments(parser)
+    parser = make_parser(__doc__)
     parser.add_argument("--qualities", nargs="+", type=float)
     parser.add_argument("--effort", type=int)
     parser.add_argument("--example", action="store_true", help="only record the example scene")
-    parser.add_argument("--report", action="store_true", help="measure nothing, rewrite the tables")
     arguments = parser.parse_args()
     effort = DEFAULT_EFFORT if arguments.effort is None else arguments.effort
     keep = not arguments.no_write

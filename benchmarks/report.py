@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 import json
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -55,12 +55,16 @@ def save_results(
     (folder / f"{name}.json").write_text(text + "\n", encoding="utf-8")
 
 
-def add_arguments(parser: argparse.ArgumentParser, scenes: bool = True) -> None:
-    """Add the options of every benchmark: ``--short``, ``--no-write`` and, with `scenes`, ``--scenes``."""
+def make_parser(description: str | None, scenes: bool = True, report: bool = True) -> argparse.ArgumentParser:
+    """The options of every benchmark: ``--short``, ``--no-write``, perhaps ``--scenes`` and ``--report``."""
+    parser = argparse.ArgumentParser(description=description, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--short", action="store_true", help="a short run on the example scene of this repository")
     parser.add_argument("--no-write", action="store_true", help="print the tables; JSON goes to build/bench/ only")
     if scenes:
         parser.add_argument("--scenes", nargs="+", metavar="NAME", help="scenes to measure [default: all]")
+    if report:
+        parser.add_argument("--report", action="store_true", help="measure nothing, rewrite pages from earlier results")
+    return parser
 
 
 def table(head: Sequence[str], rows: Sequence[Sequence[str]], text_columns: int = 1) -> str:
@@ -83,10 +87,21 @@ def replace_section(name: str, text: str, page: Path) -> None:
     page.write_text(f"{before}{begin}\n{text.strip()}\n{end}{rest.split(end)[1]}", encoding="utf-8")
 
 
-def publish(sections: Mapping[str, str], page: Path, keep: bool) -> None:
-    """Put texts between the markers that they are named by on a page; without `keep` print them."""
-    for name, text in sections.items():
-        if keep:
-            replace_section(name, text, page)
-        else:
-            print(f"{name}\n\n{text}\n")
+def publish(
+    name: str, results: Mapping[str, Any], makers: Mapping[str, Callable[[Any], str]], keep: bool, kept: bool
+) -> None:
+    """Put the tables of a benchmark's sections between the markers NAME-SECTION of docs/costs.md.
+
+    Args:
+        results: by section; those without any are left alone.
+        makers: by section, what makes Markdown of them.
+        keep: else print them.
+        kept: whether the results are those of the repository.
+    """
+    for section, make in makers.items():
+        if results.get(section):
+            text = add_provenance(make(results[section]), name, kept, f"{section}/")
+            if keep:
+                replace_section(f"{name}-{section}", text, COSTS_PAGE)
+            else:
+                print(f"{name}-{section}\n\n{text}\n")

@@ -13,7 +13,6 @@ those of `benchmarks.quality`.
 
 from __future__ import annotations
 
-import argparse
 import json
 import sys
 from collections.abc import Sequence
@@ -26,7 +25,7 @@ from benchmarks.judge import LEVELS, LOSSLESS_DB, Row, equal_bytes, format_level
 from benchmarks.plots import COLOURS, MARKERS, new_plot, save_plot
 from benchmarks.quality import DEFAULT_EFFORT, SHOWN_RIVALS, sort_runs, title
 from benchmarks.quality import NAME as QUALITY
-from benchmarks.report import RESULTS_PAGE, add_arguments, add_provenance, load_results, replace_section, save_results
+from benchmarks.report import RESULTS_PAGE, add_provenance, load_results, make_parser, replace_section, save_results
 from benchmarks.report import table as make_table
 from benchmarks.rivals_formats import Format, list_formats, measure_reading, read
 from benchmarks.rivals_tools import CACHE, ToolFailed, install, install_readers, run_command, tool_key
@@ -258,10 +257,8 @@ def draw_plots(runs: Sequence[Run], keep: bool) -> None:
 
 def main() -> None:
     """The command line."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    add_arguments(parser)
+    parser = make_parser(__doc__)
     parser.add_argument("--fresh", action="store_true", help="write the rivals' files again and time it")
-    parser.add_argument("--report", action="store_true", help="measure nothing, rewrite tables and plots")
     arguments = parser.parse_args()
     short, keep = arguments.short, not arguments.no_write
     results = load_results(NAME) if keep or arguments.report else {}

@@ -8,39 +8,30 @@
 Scenes of `sizes` are the Gaussians nearest to the middle of one real scene. No real scene of the sizes of `ranges` is
 at hand: those are copies of one (`benchmarks.scene_copies`), encoded by `scarfmt encode --work`, then decoded. Every
 figure comes from a process of its own, in ranges with workers of one thread, watched from outside
-(`benchmarks.process_watch`). Slopes are those of lines through log time and log Gaussians. Results are merged into
+(:class:`Watch`). Slopes are those of lines through log time and log Gaussians. Results are merged into
 benchmarks/results/scale.json; tables and plots are in docs/costs.md.
 """
 
 from __future__ import annotations
 
-import argparse
 import math
+import os
 import shutil
 import subprocess
 import sys
+import threading
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 
 from benchmarks import child
 from benchmarks.encode_cache import cache_path
 from benchmarks.plots import line, new_plot, save_plot
-from benchmarks.process_watch import Watch
-from benchmarks.report import (
-    COSTS_PAGE,
-    SCRATCH,
-    add_arguments,
-    add_provenance,
-    load_results,
-    publish,
-    save_results,
-    table,
-)
+from benchmarks.report import SCRATCH, load_results, make_parser, publish, save_results, table
 from benchmarks.scene_copies import write_copies
 from benchmarks.scenes import REPOSITORY, Scene, select_scenes
 from scarfmt.api import inspect
@@ -57,6 +48,9 @@ MOST_IN_ARRAYS = 4_000_000
 """Above, a scene is only decoded tile by tile."""
 LARGE = 100_000
 """Slopes are taken from here on: below, starting up counts."""
+
+WATCH_SECONDS = 0.5
+"""Between two looks at processes."""
 
 Run = dict[str, Any]
 Add = Callable[[str, str, Run], None]
@@ -142,6 +136,71 @@ def encode_in_ranges(job: child.Job) -> Run:
         "kept_bytes": kept,
         "mean_db": (facts.get("metadata") or {}).get("quality", {}).get("mean_db"),
     }
+
+
+class Watch:
+    """Looks at the processes that this one starts, whoever starts and ends them, while it is entered (Linux).
+
+    Attributes:
+        peak_bytes: most memory that any one of them held at once; 0 where there is none, or no Linux.
+    """
+
+    def __init__(self) -> None:
+        self.peak_bytes = 0
+        self._cpu: dict[int, float] = {}
+        self._ended = threading.Event()
+        self._own = 0.0
+        self._thread = threading.Thread(target=self._look_on, daemon=True)
+
+    def __enter__(self) -> Self:
+        self._own = time.process_time()
+        self._thread.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._ended.set()
+        self._thread.join()
+        self._own = time.process_time() - self._own
+
+    @property
+    def cpu_seconds(self) -> float:
+        """Processor time of this process and of its descendants, up to the last look at each."""
+        return self._own + sum(self._cpu.values())
+
+    def _look_on(self) -> None:
+        while not self._ended.wait(WATCH_SECONDS):
+            self.look()
+
+    def look(self) -> None:
+        """Look once."""
+        parents, times = _processes()
+        for process in parents:
+            if _descends(process, os.getpid(), parents):
+                self._cpu[process] = times[process]
+                self.peak_bytes = max(self.peak_bytes, child.peak_bytes(process))
+
+
+def _processes() -> tuple[dict[int, int], dict[int, float]]:
+    """The parent of each process, and its processor time, seconds."""
+    parents, times = {}, {}
+    tick = os.sysconf("SC_CLK_TCK") if hasattr(os, "sysconf") else 100
+    for path in Path("/proc").glob("[0-9]*/stat"):
+        try:
+            # The name, in brackets, may hold anything.
+            fields = path.read_text(encoding="utf-8", errors="replace").rpartition(")")[2].split()
+        except OSError:
+            continue
+        process = int(path.parent.name)
+        parents[process], times[process] = int(fields[1]), (int(fields[11]) + int(fields[12])) / tick
+    return parents, times
+
+
+def _descends(process: int, ancestor: int, parents: dict[int, int]) -> bool:
+    while process in parents:
+        process = parents[process]
+        if process == ancestor:
+            return True
+    return False
 
 
 @contextmanager
@@ -254,15 +313,6 @@ def _order(run: Run) -> tuple[Any, ...]:
 SECTIONS = {"sizes": make_sizes_table, "ranges": make_ranges_table}
 
 
-def make_tables(results: Mapping[str, Mapping[str, Run]], keep: bool) -> dict[str, str]:
-    """The text of each section of docs/costs.md, by the name of its markers."""
-    return {
-        f"{NAME}-{name}": add_provenance(make(results[name]), NAME, keep, f"{name}/")
-        for name, make in SECTIONS.items()
-        if results.get(name)
-    }
-
-
 def draw_plot(results: Mapping[str, Run], keep: bool) -> None:
     """Processor time against Gaussians."""
     runs = _sort_sizes(results)
@@ -278,15 +328,13 @@ def draw_plot(results: Mapping[str, Run], keep: bool) -> None:
 
 def main() -> None:
     """The command line."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    add_arguments(parser, scenes=False)
+    parser = make_parser(__doc__, scenes=False)
     parser.add_argument("--sections", nargs="+", choices=SECTIONS, default=list(SECTIONS))
     parser.add_argument("--gaussians", nargs="+", type=int, metavar="N", help="sizes of `ranges`")
     parser.add_argument("--effort", nargs="+", type=int, default=[1], help="efforts of `ranges`")
     parser.add_argument("--workers", nargs="+", type=int, default=[1])
     parser.add_argument("--executor", nargs="+", choices=EXECUTORS, default=["processes"])
     parser.add_argument("--scratch", type=Path, default=SCRATCH / NAME, help="folder for large scenes and work")
-    parser.add_argument("--report", action="store_true", help="measure nothing, rewrite tables and plots")
     arguments = parser.parse_args()
     keep, short = not arguments.no_write, arguments.short
     name = SHORT_SCENE if short else SCENE
@@ -312,7 +360,7 @@ def main() -> None:
         ]
         measure_ranges(name, jobs, arguments.scratch, add)
     draw_plot(results.get("sizes", {}), keep)
-    publish(make_tables(results, keep or arguments.report), COSTS_PAGE, keep)
+    publish(NAME, results, SECTIONS, keep, keep or arguments.report)
 
 
 if __name__ == "__main__":

@@ -11,28 +11,18 @@ benchmarks/results/time.json; tables and plots are in docs/costs.md.
 
 from __future__ import annotations
 
-import argparse
 import sys
 import time
-from collections.abc import Sequence
-from itertools import pairwise
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 from benchmarks import child
 from benchmarks.encode_cache import encode_scene
-from benchmarks.judge import interpolate_bytes
+from benchmarks.judge import bytes_at
 from benchmarks.plots import line, new_plot, save_plot
 from benchmarks.quality import measure_layers
-from benchmarks.report import (
-    COSTS_PAGE,
-    add_arguments,
-    add_provenance,
-    load_results,
-    publish,
-    save_results,
-    table,
-)
+from benchmarks.report import load_results, make_parser, publish, save_results, table
 from benchmarks.scenes import Scene, select_scenes
 
 NAME = "time"
@@ -93,25 +83,21 @@ def bytes_at_equal_error(runs: Sequence[Record]) -> tuple[float, dict[int, float
     curves: dict[int, list[tuple[float, float]]] = {}
     for run in sorted(runs, key=lambda run: float(run["psnr_db"])):
         curves.setdefault(run["effort"], []).append((run["psnr_db"], run["bytes"]))
-    goal = max(curve[0][0] for curve in curves.values())
-    return goal, {effort: _bytes_on(curve, goal) for effort, curve in sorted(curves.items())}
+    goal, found = max(curve[0][0] for curve in curves.values()), {}
+    for effort, curve in sorted(curves.items()):
+        size = bytes_at(curve, goal)
+        if size is None:
+            raise ValueError(f"no two files on both sides of {goal:.2f} dB")
+        found[effort] = size
+    return goal, found
 
 
-def _bytes_on(curve: Sequence[tuple[float, float]], goal: float) -> float:
-    for low, high in pairwise(curve):
-        if low[0] <= goal <= high[0]:
-            return interpolate_bytes(low, high, goal)
-    if curve[0][0] == goal:
-        return curve[0][1]
-    raise ValueError(f"no two files on both sides of {goal:.2f} dB")
-
-
-def make_layers_table(records: Sequence[Record]) -> str:
+def make_layers_table(results: Mapping[str, Record]) -> str:
     """Bytes, error, decode seconds and memory of every prefix of layers, at the higher quality."""
     head = ["scene", "quality", "layers", "bytes", "PSNR dB", "1 thread, s", "2 threads, s", "peak MiB"]
     rows = []
-    shown = max(record["quality"] for record in records)
-    for record in (record for record in records if record["quality"] == shown):
+    shown = max(record["quality"] for record in results.values())
+    for record in (record for record in results.values() if record["quality"] == shown):
         for number, layer in enumerate(record["layers"], start=1):
             one, two = layer["decode"]["1"], layer["decode"]["2"]
             cells = [record["scene"], f"{record['quality']:g}", str(number), f"{layer['bytes']:,}"]
@@ -120,11 +106,11 @@ def make_layers_table(records: Sequence[Record]) -> str:
     return table(head, rows)
 
 
-def make_efforts_table(records: Sequence[Record]) -> str:
+def make_efforts_table(results: Mapping[str, Record]) -> str:
     """Encode seconds and memory, and bytes at equal error, by effort."""
     head = ["scene", "effort", "quality", "encode s", "peak MiB", "bytes", "PSNR dB", "bytes at equal PSNR", ""]
     rows = []
-    for record in records:
+    for record in results.values():
         goal, equal = bytes_at_equal_error(record["runs"])
         base = next(iter(equal.values()))
         seen: set[int] = set()
@@ -155,43 +141,28 @@ def draw_plot(records: Sequence[Record], keep: bool) -> None:
     save_plot(figure, "time-decode", keep)
 
 
-SECTIONS = {
-    "layers": (SCENES, measure_decoding, make_layers_table),
-    "efforts": (SCENES, measure_efforts, make_efforts_table),
-}
-"""Parts of the page: scenes measured unless some are named, how one is measured, and what makes Markdown of records."""
-
-
-def make_tables(results: dict[str, dict[str, Record]], keep: bool) -> dict[str, str]:
-    """The text of each section of docs/costs.md, by the name of its markers."""
-    found = {}
-    for name, (_, _, make) in SECTIONS.items():
-        if results.get(name):
-            text = make(list(results[name].values()))
-            found[f"{NAME}-{name}"] = add_provenance(text, NAME, keep, f"{name}/")
-    return found
+SECTIONS = {"layers": measure_decoding, "efforts": measure_efforts}
+"""Parts of the page: how a scene is measured."""
+TABLES = {"layers": make_layers_table, "efforts": make_efforts_table}
 
 
 def main() -> None:
     """The command line."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    add_arguments(parser)
+    parser = make_parser(__doc__)
     parser.add_argument("--sections", nargs="+", choices=SECTIONS, default=list(SECTIONS))
-    parser.add_argument("--report", action="store_true", help="measure nothing, rewrite tables and plots")
     arguments = parser.parse_args()
     keep, short = not arguments.no_write, arguments.short
     results = load_results(NAME) if keep or arguments.report else {}
     for name in [] if arguments.report else arguments.sections:
-        scenes, measure_scene, _ = SECTIONS[name]
-        for scene in select_scenes(arguments.scenes or (SHORT_SCENES if short else scenes)):
+        for scene in select_scenes(arguments.scenes or (SHORT_SCENES if short else SCENES)):
             began = time.perf_counter()
-            found = measure_scene(scene, short)
+            found = SECTIONS[name](scene, short)
             results.setdefault(name, {}).update(found)
             save_results(NAME, results, keep, [f"{name}/{below}" for below in found])
             print(f"{time.perf_counter() - began:5.0f} s  {name}, {scene.name}", file=sys.stderr, flush=True)
     if results.get("layers"):
         draw_plot(list(results["layers"].values()), keep)
-    publish(make_tables(results, keep or arguments.report), COSTS_PAGE, keep)
+    publish(NAME, results, TABLES, keep, keep or arguments.report)
 
 
 if __name__ == "__main__":

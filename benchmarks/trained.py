@@ -6,8 +6,11 @@
     python -m benchmarks.trained --short --no-write         trains some iterations on pictures of the example scene
     python -m benchmarks.trained --report                   only rewrite the tables from earlier results
 
-All files are decoded and measured alike (`benchmarks.photos`). The PLY is measured as it is, as SOG and SPZ (needs node
-and npm), and layer by layer as the `.scar` that `scarfmt encode` makes of it with the cameras of the training photos.
+Of each number of layers: the bytes of the file cut there, and of what it decodes to PSNR and SSIM, of pictures rounded
+to 8 bits, and FLIP (Andersson et al. 2020; NVIDIA's package `flip-evaluator`, 67 pixels a degree) where that is
+installed. A picture that equals its photo counts as 100 dB: JSON has no infinity, and a mean of it says nothing. The
+PLY is measured as it is, as SOG and SPZ (needs node and npm), and layer by layer as the `.scar` that `scarfmt encode`
+makes of it with the cameras of the training photos.
 Results are merged into benchmarks/results/trained.json by scene and file; those of photos of another size are dropped.
 """
 
@@ -17,17 +20,18 @@ import argparse
 import json
 import math
 import sys
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import asdict, dataclass
-from itertools import pairwise
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
+import numpy as np
+from PIL import Image
+
 from benchmarks import provenance
 from benchmarks.encode_cache import cache_path, file_key
-from benchmarks.judge import interpolate_bytes
-from benchmarks.photos import HEAD, Figures, Perceptual, draw_side_by_side, load_flip, measure, measure_layers
+from benchmarks.judge import EQUAL_DB, bytes_at
 from benchmarks.report import (
     RESULTS_PAGE,
     add_provenance,
@@ -40,16 +44,21 @@ from benchmarks.rivals import write_rival
 from benchmarks.rivals_formats import list_formats, read
 from benchmarks.rivals_tools import ToolFailed, install
 from benchmarks.scenes import REPOSITORY, Scene, load_gaussians
+from reference_decoder.anchors import gaussians
+from reference_decoder.decode import decode_scene
 from reference_encoder.options import EncodeOptions
-from reference_encoder.training.capture import Capture, load_capture
+from reference_encoder.training.capture import Capture, Photo, load_capture, pixels
 from reference_encoder.training.options import TrainOptions
-from scarfmt.api import encode, inspect, train
+from scarfmt.api import encode, inspect, train, truncate
+from scarfmt.arrays import F32
 from scarfmt.atomic import atomic_write
 from scarfmt.formats.clean import clean
+from scarfmt.render.camera import Camera
 from scarfmt.render.capture import load_cameras
 from scarfmt.render.images import write_png
+from scarfmt.render.metrics import psnr, ssim
 from scarfmt.render.rasterise import render
-from scarfmt.scene.gaussians import GaussianScene
+from scarfmt.scene.gaussians import AnchorModel, GaussianScene
 
 NAME = "trained"
 QUALITIES, FORMATS = (41.0, 47.0), ("sog", "spz")
@@ -59,12 +68,96 @@ SHOWN = ("trained", "model", "rival")
 """Kinds with rows of their own; post-hoc files stand in the shares."""
 SHORT_ITERATIONS = 60
 
+Perceptual = Callable[[F32, F32], float]
+"""A metric of (original, picture), each (height, width, 3) float32, 0..1."""
+HEAD = ("kB", "PSNR, dB", "worst", "SSIM", "FLIP")
+GAP = 6
+"""White pixels between two pictures."""
 Record = dict[str, Any]
 Point = tuple[float, float]
 """PSNR in dB, and bytes."""
 
 
 # Measuring
+
+
+@dataclass(frozen=True)
+class Figures:
+    """The bytes and the quality of a file.
+
+    Attributes:
+        file_bytes: of the file.
+        psnr_db, worst_psnr_db, ssim: mean and worst over the photos; at most `EQUAL_DB`.
+        flip: mean over the photos; None where its package is not installed.
+    """
+
+    file_bytes: int
+    psnr_db: float
+    worst_psnr_db: float
+    ssim: float
+    flip: float | None = None
+
+    def cells(self) -> list[str]:
+        """The cells of a table under `HEAD`."""
+        levels = [f"{value:.2f}" for value in (self.psnr_db, self.worst_psnr_db)]
+        flip = "–" if self.flip is None else f"{self.flip:.4f}"
+        return [f"{self.file_bytes / 1000:,.1f}", *levels, f"{self.ssim:.4f}", flip]
+
+
+def load_flip() -> Perceptual | None:
+    """Mean FLIP error of a picture; None, with a line on stderr, where its package is not installed."""
+    try:
+        import flip_evaluator
+    except ImportError:
+        print("no FLIP: pip install flip-evaluator", file=sys.stderr)
+        return None
+
+    def error(original: F32, picture: F32) -> float:
+        return float(flip_evaluator.evaluate(original, picture, "LDR", applyMagma=False)[1])
+
+    return error
+
+
+def draw(scene: GaussianScene | AnchorModel, camera: Camera) -> F32:
+    """(height, width, 3) float32 picture over black, rounded to 8 bits, 0..1."""
+    if isinstance(scene, AnchorModel):
+        seen = gaussians(scene, camera.centre)
+        picture = render(seen.scene, camera, colours=seen.colours)
+    else:
+        picture = render(scene, camera)
+    return np.asarray(np.rint(np.clip(picture, 0, 1) * np.float32(255)) / np.float32(255), np.float32)
+
+
+def measure(
+    scene: GaussianScene | AnchorModel, file_bytes: int, photos: Sequence[Photo], flip: Perceptual | None = None
+) -> Figures:
+    """Compare what a file of `file_bytes` decodes to with `photos`, at least one."""
+    levels, structure, errors = [], [], []
+    for photo in photos:
+        original, picture = pixels(photo).astype(np.float32) / np.float32(255), draw(scene, photo.camera)
+        levels.append(min(psnr(picture, original), EQUAL_DB))
+        structure.append(ssim(picture, original))
+        errors += [] if flip is None else [flip(original, picture)]
+    error = float(np.mean(errors)) if errors else None
+    return Figures(file_bytes, float(np.mean(levels)), min(levels), float(np.mean(structure)), error)
+
+
+def measure_layers(data: bytes, photos: Sequence[Photo], flip: Perceptual | None = None) -> Iterator[Figures]:
+    """Figures of each layer of a file, from the first; arguments as for :func:`measure`."""
+    for layers in range(1, int(inspect(data)["layer_count"]) + 1):
+        cut = truncate(data, layers)
+        yield measure(decode_scene(cut), len(cut), photos, flip)
+
+
+def draw_side_by_side(data: bytes, photo: Photo, width: int) -> Image.Image:
+    """The layers of a file from the first, then the photo, together at most `width` pixels wide."""
+    layers = range(1, int(inspect(data)["layer_count"]) + 1)
+    pictures = [draw(decode_scene(truncate(data, layer)), photo.camera) * 255 for layer in layers]
+    gap = np.full((photo.camera.height, GAP, 3), 255, np.uint8)
+    parts = [part for picture in pictures for part in (np.rint(picture).astype(np.uint8), gap)]
+    image = Image.fromarray(np.concatenate([*parts, pixels(photo)], axis=1))
+    image.thumbnail((width, width), Image.Resampling.LANCZOS)
+    return image
 
 
 @dataclass(frozen=True)
@@ -208,7 +301,7 @@ def _shares(layers: Sequence[Record], hull: Sequence[Point]) -> str:
     """Bytes of each layer over those of the post-hoc frontier at its PSNR; – where that does not reach."""
     found = []
     for decibels, size in map(_point, layers):
-        other = frontier_bytes(hull, decibels)
+        other = bytes_at(hull, decibels)
         found.append("–" if other is None else f"{100 * size / other:.0f}")
     return f"{' / '.join(found)} %" if set(found) != {"–"} else ""
 
@@ -233,14 +326,6 @@ def find_frontier(points: Iterable[Point]) -> list[Point]:
 def _turn(a: Point, b: Point, c: Point) -> float:
     """Above 0 where the way from a over b to c bends upwards."""
     return (b[0] - a[0]) * math.log(c[1] / b[1]) - math.log(b[1] / a[1]) * (c[0] - b[0])
-
-
-def frontier_bytes(hull: Sequence[Point], psnr_db: float) -> float | None:
-    """Bytes of a frontier at a PSNR; None where it does not reach."""
-    for low, high in pairwise(hull):
-        if low[0] <= psnr_db <= high[0]:
-            return interpolate_bytes(low, high, psnr_db)
-    return hull[0][1] if len(hull) == 1 and hull[0][0] == psnr_db else None
 
 
 def _point(record: Record) -> Point:

@@ -7,7 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from benchmarks.trained import find_frontier, frontier_bytes
+from benchmarks.judge import bytes_at
+from benchmarks.trained import find_frontier
 
 POINTS = st.lists(st.tuples(st.integers(10, 40).map(float), st.integers(1, 1000).map(float)), min_size=1, max_size=12)
 
@@ -22,7 +23,7 @@ def test_no_point_lies_below_the_frontier_and_it_bends_upwards(points: list[tupl
     assert (slopes > 0).all()
     assert (np.diff(slopes) > -1e-9).all()
     for psnr, size in points:
-        least = frontier_bytes(hull, max(psnr, decibels[0]))
+        least = bytes_at(hull, max(psnr, decibels[0]))
         assert least is not None
         assert size >= least * (1 - 1e-9)
 
@@ -30,7 +31,7 @@ def test_no_point_lies_below_the_frontier_and_it_bends_upwards(points: list[tupl
 def test_between_two_points_lies_their_line_and_beyond_them_nothing() -> None:
     hull = find_frontier([(20.0, 100.0), (22.0, 400.0), (21.0, 250.0), (19.0, 120.0)])
     assert hull == [(20.0, 100.0), (22.0, 400.0)]
-    assert frontier_bytes(hull, 21.0) == pytest.approx(200.0)
-    assert frontier_bytes(hull, 19.9) is None
-    assert frontier_bytes(hull, 22.1) is None
-    assert frontier_bytes([], 22.1) is None
+    assert bytes_at(hull, 21.0) == pytest.approx(200.0)
+    assert bytes_at(hull, 19.9) is None
+    assert bytes_at(hull, 22.1) is None
+    assert bytes_at([], 22.1) is None
