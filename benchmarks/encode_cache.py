@@ -63,12 +63,6 @@ def key_of(parts: Iterable[object]) -> str:
     return hashlib.sha256(text.encode()).hexdigest()[:_DIGITS]
 
 
-def scene_parts(scene: Scene) -> list[str]:
-    """The parts of a scene that an encoded file depends on: the bytes of its files."""
-    known = [] if scene.known is None else [file_key(scene.known)]
-    return [file_key(scene.path), *known]
-
-
 def judging_key(scene: Scene) -> str:
     """Changes with the views a scene is judged from, and with what is made of their pictures."""
     how = (file_key(REPOSITORY / "benchmarks" / name) for name in ("views.py", "judge.py"))
@@ -78,15 +72,11 @@ def judging_key(scene: Scene) -> str:
 
 def cache_path(scene: Scene, what: str, suffix: str = ".scar") -> Path:
     """The path of a file made of `scene`; `what` names it and everything it depends on but scene and source."""
+    files = [file_key(path) for path in (scene.path, scene.known) if path is not None]
     SCRATCH.mkdir(parents=True, exist_ok=True)
     stem = "".join(c if c.isalnum() or c == "-" else "_" for c in scene.name)
     short = "".join(c if c.isalnum() or c in "-." else "_" for c in what)
-    return SCRATCH / f"{stem}-{short}-{key_of([*scene_parts(scene), what])}{suffix}"
-
-
-def encoded_path(scene: Scene, quality: float, effort: int) -> Path:
-    """The path of the encoded file of `scene`, which changes as soon as the encoder's source changes."""
-    return cache_path(scene, f"q{quality:g}-e{effort}")
+    return SCRATCH / f"{stem}-{short}-{key_of([*files, what])}{suffix}"
 
 
 def encode_scene(scene: Scene, quality: float, effort: int) -> dict[str, Any]:
@@ -95,7 +85,7 @@ def encode_scene(scene: Scene, quality: float, effort: int) -> dict[str, Any]:
     Returns:
         ``path``, ``bytes``, ``seconds`` and ``peak_bytes`` of making it.
     """
-    path = encoded_path(scene, quality, effort)
+    path = cache_path(scene, f"q{quality:g}-e{effort}")
     note = note_path(path)
     if not (path.exists() and note.exists()):
         options = {"quality": quality, "effort": effort}

@@ -317,15 +317,10 @@ def make_example_table(results: dict[str, Any]) -> str:
     """The table of examples/README.md."""
     head = ["effort", "bytes", "first layer, bytes", "its mean PSNR dB", "mean PSNR dB", "worst view dB"]
     levels = ("first_layer_psnr_db", "mean_psnr_db", "worst_psnr_db")
-    rows = [
-        [
-            name.removeprefix("effort "),
-            f"{found['bytes']:,}",
-            f"{found['first_layer_bytes']:,}",
-            *(f"{found[field]:.2f}" for field in levels),
-        ]
-        for name, found in results.items()
-    ]
+    rows = []
+    for name, found in results.items():
+        sizes = (f"{found[field]:,}" for field in ("bytes", "first_layer_bytes"))
+        rows.append([name.removeprefix("effort "), *sizes, *(f"{found[field]:.2f}" for field in levels)])
     return table(head, rows)
 
 

@@ -20,6 +20,7 @@ from hashlib import sha256
 from pathlib import Path
 from typing import Any
 
+from benchmarks.child import note_path
 from benchmarks.encode_cache import DRAWING, file_key, judging_key, source_key
 from benchmarks.judge import LEVELS, LOSSLESS_DB, Row, equal_bytes, format_levels, judge, measure_photos_psnr, smallest
 from benchmarks.plots import COLOURS, MARKERS, new_plot, save_plot
@@ -94,17 +95,14 @@ def measure(scene: Scene, few: bool, fresh: bool, missing: str | None) -> dict[s
 def source_ply(scene: Scene, gaussians: GaussianScene) -> Path:
     """The scene as INRIA's PLY, which all rivals are written from: its own file, if it is one without invalid rows."""
     origin = Source(scene.path)
-    if inria_ply.sniff(origin) and not scene.path.name.endswith(".compressed.ply") and _all_valid(origin, gaussians):
+    plain = inria_ply.sniff(origin) and not scene.path.name.endswith(".compressed.ply")
+    if plain and len(load(origin.read())) == len(gaussians):
         return scene.path
     path = CACHE / "files" / f"{_stem(scene.name)}-{file_key(scene.path)[:12]}.ply"
     if not path.exists():
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_bytes(ply_header(len(gaussians), gaussians.sh.shape[1] - 1) + ply_rows(gaussians).tobytes())
     return path
-
-
-def _all_valid(origin: Source, gaussians: GaussianScene) -> bool:
-    return len(load(origin.read())) == len(gaussians)
 
 
 def _stem(name: str) -> str:
@@ -130,7 +128,7 @@ def _measure_rival(scene: Scene, how: Judge, source: Path, rival: Format, fresh:
 def write_rival(scene: Scene, source: Path, rival: Format, fresh: bool) -> tuple[Path, dict[str, Any]]:
     """The rival's file, and what writing it took when it was written."""
     path = cache_path(scene, source, rival)
-    note = path.with_name(path.name + ".json")
+    note = note_path(path)
     if fresh or not note.exists():
         path.parent.mkdir(parents=True, exist_ok=True)
         seconds, peak_bytes = run_command(rival.command(source, path))
@@ -141,10 +139,8 @@ def write_rival(scene: Scene, source: Path, rival: Format, fresh: bool) -> tuple
 def cache_path(scene: Scene, source: Path, rival: Format) -> Path:
     """The path of a rival's file, which changes as soon as anything it depends on changes."""
     command = rival.command(Path("source.ply"), Path("out"))
-    how = tool_key()
-    arguments = command.words[2:]
     depths = sorted((name, value) for name, value in command.environment.items() if name.startswith("SPZ_"))
-    key = sha256(repr((how, arguments, depths, file_key(source))).encode()).hexdigest()[:12]
+    key = sha256(repr((tool_key(), command.words[2:], depths, file_key(source))).encode()).hexdigest()[:12]
     return CACHE / "files" / f"{_stem(scene.name)}-{_stem(rival.name)}-{key}{rival.suffix}"
 
 
@@ -229,9 +225,8 @@ def _time_cells(run: Run) -> list[str]:
     for files in (*groups, run["scar"]):
         for kind in ("encode_seconds", "decode_seconds"):
             times = [float(file[kind]) for file in files]
-            texts = (
-                [f"{time:.0f}" if time >= 10 else f"{time:.2g}" for time in (min(times), max(times))] if times else []
-            )
+            ends = (min(times), max(times)) if times else ()
+            texts = (f"{time:.0f}" if time >= 10 else f"{time:.2g}" for time in ends)
             cells.append(" to ".join(dict.fromkeys(texts)))
     return cells
 

@@ -20,7 +20,7 @@ from benchmarks import child
 from benchmarks.rivals_tools import PYTHON, Command, splat_transform
 from scarfmt.formats import load, spz
 from scarfmt.formats.source import Source
-from scarfmt.scene.gaussians import AnchorModel, GaussianScene
+from scarfmt.scene.gaussians import GaussianScene
 
 # SPZ: the farthest a coordinate can lie, and the largest log scale.
 _SPZ_REACH, _SPZ_LARGEST = 2047.0, 255 / 16 - 10
@@ -55,16 +55,11 @@ class Format:
 
 def list_formats(scene: GaussianScene, few: bool = False) -> list[Format]:
     """Everything that is measured on `scene`; with `few`, SPZ at its defaults and its finest only."""
-    return [
-        *_spz(scene, few),
-        Format("SOG", "sog", ".sog", lambda source, out: splat_transform(str(source), str(out))),
-        Format(
-            "compressed.ply",
-            "compressed-ply",
-            ".compressed.ply",
-            lambda source, out: splat_transform(str(source), str(out)),
-        ),
-    ]
+    def plain(source: Path, out: Path) -> Command:
+        return splat_transform(str(source), str(out))
+
+    ply = Format("compressed.ply", "compressed-ply", ".compressed.ply", plain)
+    return [*_spz(scene, few), Format("SOG", "sog", ".sog", plain), ply]
 
 
 def _spz(scene: GaussianScene, few: bool) -> list[Format]:
@@ -116,16 +111,12 @@ def read(path: Path, scale: float = 1.0) -> GaussianScene:
         scale: what the scene was enlarged by before it was written.
     """
     # The writer of SPZ leaves the axes as they are.
-    scene = spz.load(Source(path), frame="RUB") if path.suffix == ".spz" else _explicit(load(path))
+    scene = spz.load(Source(path), frame="RUB") if path.suffix == ".spz" else load(path)
+    assert isinstance(scene, GaussianScene)
     if scale == 1:
         return scene
     log_scales = (scene.log_scales - np.float32(math.log(scale))).astype(np.float32)
     return replace(scene, positions=scene.positions / scale, log_scales=log_scales)
-
-
-def _explicit(scene: GaussianScene | AnchorModel) -> GaussianScene:
-    assert isinstance(scene, GaussianScene)
-    return scene
 
 
 # Readers

@@ -6,7 +6,7 @@
     python -m benchmarks.scale --short --no-write           the example scene and copies of it, printed
 
 Scenes of `sizes` are the Gaussians nearest to the middle of one real scene. No real scene of the sizes of `ranges` is
-at hand: those are copies of one (`benchmarks.scene_copies`), encoded by `scarfmt encode --work`, then decoded. Every
+at hand: those are copies of one (:func:`write_copies`), encoded by `scarfmt encode --work`, then decoded. Every
 figure comes from a process of its own, in ranges with workers of one thread, watched from outside
 (:class:`Watch`). Slopes are those of lines through log time and log Gaussians. Results are merged into
 benchmarks/results/scale.json; tables and plots are in docs/costs.md.
@@ -23,6 +23,7 @@ import threading
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Self
 
@@ -32,9 +33,14 @@ from benchmarks import child
 from benchmarks.encode_cache import cache_path
 from benchmarks.plots import line, new_plot, save_plot
 from benchmarks.report import SCRATCH, load_results, make_parser, publish, save_results, table
-from benchmarks.scene_copies import write_copies
 from benchmarks.scenes import REPOSITORY, Scene, select_scenes
 from scarfmt.api import inspect
+from scarfmt.atomic import atomic_write
+from scarfmt.formats import load
+from scarfmt.formats.clean import clean
+from scarfmt.formats.export_ply import ply_header, ply_rows
+from scarfmt.render.camera import core, upward_axes
+from scarfmt.scene.gaussians import GaussianScene
 
 NAME, SCENE, SHORT_SCENE = "scale", "flowers", "plush-toys"
 QUALITY = 41.0
@@ -49,6 +55,9 @@ MOST_IN_ARRAYS = 4_000_000
 LARGE = 100_000
 """Slopes are taken from here on: below, starting up counts."""
 
+SPACING = 2.4
+"""Half extents of the core from copy to copy."""
+_JITTER, _SCALE_JITTER, _OPACITY_JITTER, _COLOUR_JITTER, _GAIN = 0.1, 0.05, 0.1, 0.02, 0.3
 WATCH_SECONDS = 0.5
 """Between two looks at processes."""
 
@@ -90,6 +99,51 @@ def measure_decoding(path: Path) -> Run:
 
 
 # In ranges
+
+
+def write_copies(source: Scene, count: int, path: Path, seed: int = 0) -> None:
+    """Write a PLY of exactly `count` Gaussians while it is made: copies side by side on the ground, the last in part.
+
+    Each is moved to a place of its own, and but for the first also jittered (positions by about a tenth of a Gaussian's
+    size, log-scales and opacities a little) and recoloured (one gain for each colour of the copy, and a little noise).
+    Numbers repeat nowhere; where there is more detail, and where less, does.
+
+    Args:
+        source: the real scene.
+        count: Gaussians.
+        path: of the PLY.
+        seed: of all random choices.
+    """
+    scene, _ = clean(load(source.path), drop_invalid=True)
+    assert isinstance(scene, GaussianScene)
+    axes = upward_axes(source.up)
+    step = SPACING * core(scene, axes[2])[1]
+    columns = int(np.ceil(np.sqrt(-(-count // len(scene)))))
+    with atomic_write(path) as stream:
+        comments = [f"copies of {source.name}, moved, jittered and recoloured"]
+        stream.write(ply_header(count, scene.sh.shape[1] - 1, comments))
+        for number in range(-(-count // len(scene))):
+            made = copy_of(scene, number, seed)
+            place = step * ((number % columns) * axes[0] + (number // columns) * axes[1])
+            part = replace(made, positions=made.positions + place).rows(slice(0, count - number * len(scene)))
+            stream.write(ply_rows(part).data)
+
+
+def copy_of(scene: GaussianScene, number: int, seed: int) -> GaussianScene:
+    """A copy of a scene in its place; the first is the scene."""
+    if number == 0:
+        return scene
+    random = np.random.default_rng([seed, number])
+    size = np.exp(scene.log_scales.astype(np.float64)).mean(axis=1, keepdims=True)
+    gain = np.exp(_GAIN * random.normal(size=3))
+    colour = scene.sh * gain + _COLOUR_JITTER * random.normal(size=scene.sh.shape)
+    return GaussianScene(
+        scene.positions + _JITTER * size * random.normal(size=scene.positions.shape),
+        (scene.log_scales + _SCALE_JITTER * random.normal(size=scene.log_scales.shape)).astype(np.float32),
+        scene.rotations,
+        (scene.opacity_logits + _OPACITY_JITTER * random.normal(size=len(scene))).astype(np.float32),
+        colour.astype(np.float32),
+    )
 
 
 def measure_ranges(name: str, jobs: Sequence[child.Job], folder: Path, add: Add) -> None:
