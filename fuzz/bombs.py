@@ -70,29 +70,30 @@ def one_symbol(value: int = 0) -> SymbolTable:
 def build(
     model: SceneModel,
     counts: Sequence[int],
+    size: int = 0,
     *,
     tables: dict[TableKey, SymbolTable] | None = None,
-    models: Sequence[tuple[int, int, bytes, int]] = (),
+    models: Sequence[tuple[int, bytes, int]] = (),
     tile: bytes = NOTHING,
-    fields: HeaderFields | None = None,
 ) -> bytes:
     """A file of one TILE block a tile, in layer 1, with so many anchors each.
 
     Args:
-        models: (kind, layer, payload, count) of further blocks.
+        size: of a block that nobody reads.
+        tables: by default :func:`zero_tables`.
+        models: (kind, payload, count) of further blocks of layer 1.
     """
-    if fields is None:
-        fields = HeaderFields(model.profile, 0, model.slots, 32, (0.0, 0.0, 0.0), 1.0)
-    depth = 7
-    tiles = [Tile(depth, 4, number) for number in range(len(counts))]
+    fields = HeaderFields(model.profile, 0, model.slots, 32, (0.0, 0.0, 0.0), 1.0)
+    tiles = [Tile(7, 4, number) for number in range(len(counts))]
     opening = model.channels, model.context
+    tables = zero_tables(model) if tables is None else tables
     blocks = [
         Block(BlockKind.LAYER, number, pack_layer(row, opening if number == 1 else None), count=row.class_count)
         for number, row in enumerate(model.layers, start=1)
     ]
-    if tables:
-        blocks.append(Block(BlockKind.TABLES, 1, pack_tables(tables), count=len(tables)))
-    blocks += [Block(kind, layer, payload, count=count) for kind, layer, payload, count in models]
+    blocks.append(Block(BlockKind.TABLES, 1, pack_tables(tables), count=len(tables)))
+    blocks += [Block(kind, 1, payload, count=count) for kind, payload, count in models]
+    blocks += [Block(200, 1, bytes(size))] if size > 0 else []
     blocks += [Block(BlockKind.TILE, 1, tile, n, count) for n, count in enumerate(counts) if count]
     total = sum(counts)
     return write_container(fields, tiles, blocks, [(total, total if model.profile == 0 else 0)] * len(model.layers))
@@ -101,14 +102,19 @@ def build(
 SCALE = (Stream.SCALE, 3)
 
 
+def scales(layers: int = 1) -> SceneModel:
+    """SCALE in one step from layer 1 on, and nothing else."""
+    return SceneModel(Profile.EXPLICIT, 1, channels(SCALE), (LayerRow((0,), ((1,),)),) * layers)
+
+
 def _network(*widths: int) -> QuantisedMlp:
     pairs = itertools.pairwise(widths)
     flat = ((np.ones((b, a), np.int16), np.ones(b, np.float32), np.zeros(b, np.float32)) for a, b in pairs)
     return QuantisedMlp(tuple(Linear(*layer) for layer in flat))
 
 
-def _mlp(*widths: int) -> bytes:
-    return pack_networks((_network(*widths),))
+def _decoder(*widths: int) -> tuple[int, bytes, int]:
+    return BlockKind.DECODER_MLP, pack_networks((_network(*widths),)), 1
 
 
 def _divided(anchors: int) -> list[int]:
@@ -116,38 +122,24 @@ def _divided(anchors: int) -> list[int]:
     return [min(65536, anchors - first) for first in range(0, anchors, 65536)]
 
 
-def _filler(size: int) -> list[tuple[int, int, bytes, int]]:
-    return [(200, 1, bytes(size), 0)] if size > 0 else []
-
-
-def empty_tiles() -> bytes:
-    """Tiles of which nothing is said."""
-    model = SceneModel(Profile.EXPLICIT, 1, channels(SCALE), (LayerRow((0,), ((1,),)),) * 16)
-    return build(model, [0] * 342_000, tables=zero_tables(model))
-
-
 def small_tiles(
     count: int = 15_500, layers: int = 1, anchors: int = 2, tile: bytes = NOTHING, size: int = MIB
 ) -> bytes:
     """TILE blocks of five bytes, as many as the limit of work lets a file of so many bytes have."""
-    model = SceneModel(Profile.EXPLICIT, 1, channels(SCALE), (LayerRow((0,), ((1,),)),) * layers)
-    filler = _filler(size - 16 * count - 1000)
-    return build(model, [anchors] * count, tables=zero_tables(model), tile=tile, models=filler)
+    return build(scales(layers), [anchors] * count, size - 16 * count - 1000, tile=tile)
 
 
 def many_steps(anchors: int, size: int, wide: int = 64) -> bytes:
     """All steps of a wide latent for many anchors, from empty streams."""
     row = LayerRow((0,), ((1, 20),))
     model = SceneModel(Profile.EXPLICIT, 1, channels(SCALE, (Stream.LATENT, wide)), (row,))
-    decoder = (BlockKind.DECODER_MLP, 1, _mlp(wide, 3), 1)
-    return build(model, _divided(anchors), tables=zero_tables(model), models=[decoder, *_filler(size)])
+    return build(model, _divided(anchors), size, models=[_decoder(wide, 3)])
 
 
 def wide_decoder(anchors: int, size: int) -> bytes:
     """A latent decoder of a million weights, for many anchors."""
     model = SceneModel(Profile.EXPLICIT, 1, channels(SCALE, (Stream.LATENT, 64)), (LayerRow((0,), ((1, 1),)),))
-    decoder = (BlockKind.DECODER_MLP, 1, _mlp(64, 950, 1024, 3), 1)
-    return build(model, _divided(anchors), tables=zero_tables(model), models=[decoder, *_filler(size)])
+    return build(model, _divided(anchors), size, models=[_decoder(64, 950, 1024, 3)])
 
 
 def _drawn(anchors: int, slots: int, features: int, size: int) -> bytes:
@@ -155,36 +147,25 @@ def _drawn(anchors: int, slots: int, features: int, size: int) -> bytes:
     wanted = ((Stream.SCALE, 6), (Stream.LATENT, 1), (Stream.OFFSETS, 3))
     model = SceneModel(Profile.ANCHOR, slots, channels(*wanted), (LayerRow((0,), ((1, 1, 1),)),))
     nets = tuple(_network(features + 3, 1, outputs * slots) for outputs in (1, 7, 3))
-    blocks = [(BlockKind.DECODER_MLP, 1, _mlp(1, features), 1)]
-    blocks.append((BlockKind.SCENE_MLP, 1, pack_networks(nets), 3))
     tables = zero_tables(model)
     if slots > 1:
         tables.update({key: one_symbol(1) for key in tables if key.stream == Stream.MASKS})
-    return build(model, _divided(anchors), tables=tables, models=[*blocks, *_filler(size)])
+    blocks = [_decoder(1, features), (BlockKind.SCENE_MLP, pack_networks(nets), 3)]
+    return build(model, _divided(anchors), size, tables=tables, models=blocks)
 
 
-def wide_features(anchors: int, size: int) -> bytes:
-    """Features of 1000 numbers for many anchors."""
-    return _drawn(anchors, 1, 1000, size)
-
-
-def many_slots(anchors: int, slots: int, size: int) -> bytes:
-    """Anchors of 32 slots, all turned on."""
-    return _drawn(anchors, slots, 1, size)
-
-
-def large_tables(tables: int, symbols: int, size: int) -> bytes:
+def _large_tables(tables: int, symbols: int, size: int) -> bytes:
     """Tables that nothing needs, of few bytes."""
-    model = SceneModel(Profile.EXPLICIT, 1, channels(SCALE), (LayerRow((0,), ((1,),)),))
-    found = zero_tables(model)
+    found = zero_tables(scales())
     table = SymbolTable(np.arange(symbols), np.ones(symbols, np.int64))
     found.update({TableKey(200, n >> 16, n >> 8 & 255, n & 255): table for n in range(tables)})
-    return build(model, [2], tables=dict(sorted(found.items())), models=_filler(size))
+    return build(scales(), [2], size, tables=dict(sorted(found.items())))
 
 
-def _indexed(anchors: int, size: int, *, two_level: bool, hidden: int, codewords: int, tiles: int = 1) -> bytes:
+def _indexed(anchors: int, size: int, *, two_level: bool, hidden: int, tiles: int = 1) -> bytes:
+    """An index network for two codebooks of the largest size."""
     rng = np.random.default_rng(3)
-    books = Codebooks(rng.integers(-9, 9, (codewords, 8)), rng.integers(-9, 9, (codewords, 8)))
+    books = Codebooks(rng.integers(-9, 9, (4096, 8)), rng.integers(-9, 9, (4096, 8)))
     model = SceneModel(
         Profile.EXPLICIT, 1, channels(SCALE), (LayerRow((8,), ((1,),), True),), DecodedContext(3, (64, 16, 4, 1))
     )
@@ -194,24 +175,14 @@ def _indexed(anchors: int, size: int, *, two_level: bool, hidden: int, codewords
         activation_bits=8,
     )  # fmt: skip
     blocks = [
-        (BlockKind.DECODER_MLP, 1, _mlp(8, 3), 1),
-        (BlockKind.CODEBOOKS, 1, pack_codebooks({0: books.coarse, 1: books.residual}), 2),
-        (BlockKind.ENTROPY_NETWORK, 1, pack_network(network), 1),
+        _decoder(8, 3),
+        (BlockKind.CODEBOOKS, pack_codebooks({0: books.coarse, 1: books.residual}), 2),
+        (BlockKind.ENTROPY_NETWORK, pack_network(network), 1),
     ]
-    return build(model, [anchors // tiles] * tiles, tables=zero_tables(model), models=[*blocks, *_filler(size)])
+    return build(model, [anchors // tiles] * tiles, size, models=blocks)
 
 
-def deep_network(anchors: int, size: int) -> bytes:
-    """An index network of the greatest widths."""
-    return _indexed(anchors, size, two_level=False, hidden=255, codewords=4096)
-
-
-def shallow_network(anchors: int, size: int, tiles: int) -> bytes:
-    """A small index network over many small tiles."""
-    return _indexed(anchors, size, two_level=True, hidden=8, codewords=4096, tiles=tiles)
-
-
-def large_grid(size: int) -> bytes:
+def _large_grid(size: int) -> bytes:
     """A hash grid of 2^24 bits in fifty bytes."""
     rng = np.random.default_rng(3)
     books = Codebooks(rng.integers(-9, 9, (4, 2)), np.zeros((0, 2), np.int64))
@@ -220,15 +191,15 @@ def large_grid(size: int) -> bytes:
     grid = b"".join(map(unsigned_varint, (0, 0, 0, 32, 4))) + 4 * level + 4 * (b"\x80" + bytes(4))
     network = random_network(rng, books, Inputs(1, True, 3, 1, 0, 0, 32), stages=1, two_level=False)
     blocks = [
-        (BlockKind.DECODER_MLP, 1, _mlp(2, 3), 1),
-        (BlockKind.CODEBOOKS, 1, pack_codebooks({0: books.coarse}), 1),
-        (BlockKind.ENTROPY_NETWORK, 1, pack_network(network), 1),
-        (BlockKind.HASH_GRID, 1, grid, 4),
+        _decoder(2, 3),
+        (BlockKind.CODEBOOKS, pack_codebooks({0: books.coarse}), 1),
+        (BlockKind.ENTROPY_NETWORK, pack_network(network), 1),
+        (BlockKind.HASH_GRID, grid, 4),
     ]
-    return build(model, [100], tables=zero_tables(model), models=[*blocks, *_filler(size)])
+    return build(model, [100], size, models=blocks)
 
 
-def many_predictors(anchors: int, size: int, tiles: int = 1) -> bytes:
+def _many_predictors(anchors: int, size: int, tiles: int = 1) -> bytes:
     """A predictor of 64 hidden units for every step of every component."""
     wanted = (SCALE, (Stream.ROTATION, 3), (Stream.OPACITY, 1), (Stream.COLOUR, 3))
     context = DecodedContext(3, (64, 16, 4, 1))
@@ -240,36 +211,30 @@ def many_predictors(anchors: int, size: int, tiles: int = 1) -> bytes:
             hidden = Exact(np.zeros((64, width), np.int32), np.zeros(64, np.int64), 0)
             output = Exact(np.zeros((2, width + 64), np.int32), np.zeros(2, np.int64), 0)
             predictors.append(Predictor(channel.stream, component, step, hidden, output, (16, 16)))
-    block = (BlockKind.PREDICTORS, 1, pack_predictors(predictors), len(predictors))
-    tables = zero_tables(model)
-    return build(model, [anchors // tiles] * tiles, tables=tables, models=[block, *_filler(size)])
-
-
-def broken_blocks() -> bytes:
-    """Every TILE block broken: each is a finding of its own."""
-    return small_tiles(tile=b"\x0c\0\0\0\0")
+    block = (BlockKind.PREDICTORS, pack_predictors(predictors), len(predictors))
+    return build(model, [anchors // tiles] * tiles, size, models=[block])
 
 
 BOMBS: dict[str, Callable[[], bytes]] = {
-    "empty tiles": empty_tiles,
+    "empty tiles": lambda: build(scales(16), [0] * 342_000),
     "small tiles": small_tiles,
     "small tiles of one anchor": lambda: small_tiles(30_500, 1, 1),
     "small tiles, 16 layers": lambda: small_tiles(2_000, 16),
-    "broken tiles": broken_blocks,
+    "broken tiles": lambda: small_tiles(tile=b"\x0c\0\0\0\0"),  # each is a finding of its own
     "many steps, small file": lambda: many_steps(9_000, 0),
     "many steps": lambda: many_steps(200_000, MIB - 5000),
     "many steps, one component": lambda: many_steps(1_000_000, MIB - 5000, 1),
     "wide decoder": lambda: wide_decoder(55_000, MIB - 5000),
-    "wide features": lambda: wide_features(65_536, 0),
-    "wide features, large file": lambda: wide_features(65_000, MIB - 9000),
-    "many slots": lambda: many_slots(260_000, 32, MIB - 9000),
-    "large tables": lambda: large_tables(380, 4096, MIB - 9000),
-    "many tables": lambda: large_tables(65_000, 1, MIB - 130_000),
-    "deep network": lambda: deep_network(2600, 0),
-    "shallow network": lambda: shallow_network(15_000, MIB - 55_000, 150),
-    "large grid": lambda: large_grid(MIB - 9000),
-    "many predictors": lambda: many_predictors(24_000, MIB - 600_000),
-    "many predictors, small tiles": lambda: many_predictors(1000, MIB - 600_000, 50),
+    "wide features": lambda: _drawn(65_536, 1, 1000, 0),
+    "wide features, large file": lambda: _drawn(65_000, 1, 1000, MIB - 9000),
+    "many slots": lambda: _drawn(260_000, 32, 1, MIB - 9000),
+    "large tables": lambda: _large_tables(380, 4096, MIB - 9000),
+    "many tables": lambda: _large_tables(65_000, 1, MIB - 130_000),
+    "deep network": lambda: _indexed(2600, 0, two_level=False, hidden=255),
+    "shallow network": lambda: _indexed(15_000, MIB - 55_000, two_level=True, hidden=8, tiles=150),
+    "large grid": lambda: _large_grid(MIB - 9000),
+    "many predictors": lambda: _many_predictors(24_000, MIB - 600_000),
+    "many predictors, small tiles": lambda: _many_predictors(1000, MIB - 600_000, 50),
 }
 
 

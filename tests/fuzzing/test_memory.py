@@ -17,15 +17,14 @@ from conformance.surgery.files import changed
 from conformance.surgery.parts import block_added, remade, repaged
 from conformance.surgery.reseal import resealed
 from conformance.writer.pages import Pages
-from fuzz.bombs import SCALE, build, channels, zero_tables
+from fuzz.bombs import build, scales
 from fuzz.testing.scenes import random_scene
 from scarfmt.blocks.tables import pack_tables
 from scarfmt.coding.writer import write_scene
-from scarfmt.container.schema import BlockKind, Profile, Stream
+from scarfmt.container.schema import BlockKind, Stream
 from scarfmt.container.source import BytesSource
 from scarfmt.entropy.keys import TableKey
 from scarfmt.entropy.symbol_tables import SymbolTable
-from scarfmt.scene.model import LayerRow, SceneModel
 from scarfmt.tools.truncate import truncate
 
 ROOM = 100 << 20
@@ -43,8 +42,7 @@ print(decoded(data) or "accepted", validated(data) or "accepted", time.process_t
 
 
 def _base() -> bytes:
-    model = SceneModel(Profile.EXPLICIT, 1, channels(SCALE), (LayerRow((0,), ((1,),)),))
-    return build(model, [3, 3], tables=zero_tables(model))
+    return build(scales(), [3, 3])
 
 
 def _large_tables() -> bytes:
