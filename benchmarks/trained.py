@@ -160,35 +160,24 @@ def draw_side_by_side(data: bytes, photo: Photo, width: int) -> Image.Image:
     return image
 
 
-@dataclass(frozen=True)
-class Row:
-    """A file that was measured.
+def make_record(name: str, kind: str, figures: Figures, layers: int = 1, iterations: int | None = None) -> Record:
+    """What is kept of a file.
 
-    Attributes:
+    Args:
         name: how it was made.
         kind: one of `KINDS`.
+        figures: of the file cut there.
         layers: of the file, from the first; 1 for formats without.
         iterations: of its training, None where the file does not say.
-        figures: of the file cut there.
     """
-
-    name: str
-    kind: str
-    layers: int
-    iterations: int | None
-    figures: Figures
-
-    @property
-    def key(self) -> str:
-        """The name among the results of the scene."""
-        return f"{self.name}, layer {self.layers}"
+    return {"name": name, "kind": kind, "layers": layers, "iterations": iterations, "figures": asdict(figures)}
 
 
-def measure_scar(name: str, kind: str, data: bytes, capture: Capture, flip: Perceptual | None) -> Iterator[Row]:
-    """A row of each layer of a `.scar`."""
+def measure_scar(name: str, kind: str, data: bytes, capture: Capture, flip: Perceptual | None) -> Iterator[Record]:
+    """A record of each layer of a `.scar`."""
     training = (inspect(data, metadata=True).get("metadata") or {}).get("training") or {}
     for layers, found in enumerate(measure_layers(data, capture.test, flip), 1):
-        yield Row(name, kind, layers, training.get("iterations"), found)
+        yield make_record(name, kind, found, layers, training.get("iterations"))
 
 
 def encode_model(scene: Scene, capture: Capture, quality: float) -> bytes:
@@ -203,12 +192,12 @@ def encode_model(scene: Scene, capture: Capture, quality: float) -> bytes:
 
 def measure_model(
     scene: Scene, capture: Capture, arguments: argparse.Namespace, flip: Perceptual | None
-) -> Iterator[Row]:
-    """Rows of a model that is a PLY: itself, in other formats, and encoded."""
+) -> Iterator[Record]:
+    """Records of a model that is a PLY: itself, in other formats, and encoded."""
     model = load_gaussians(scene.path)
     assert isinstance(model, GaussianScene)
     own = measure(model, scene.path.stat().st_size, capture.test, flip)
-    yield Row("3DGS, .ply", "rival", 1, None, own)
+    yield make_record("3DGS, .ply", "rival", own)
     missing = install()
     for rival in list_formats(model, few=True):
         if rival.family not in FORMATS:
@@ -222,13 +211,13 @@ def measure_model(
             continue
         stored, _ = clean(read(path, rival.scale), drop_invalid=True)
         found = measure(stored, path.stat().st_size, capture.test, flip)
-        yield Row(f"3DGS, {rival.name}", "rival", 1, None, found)
+        yield make_record(f"3DGS, {rival.name}", "rival", found)
     for quality in arguments.qualities:
         data = encode_model(scene, capture, quality)
         yield from measure_scar(f"3DGS, `encode --quality {quality:g}`", "post-hoc", data, capture, flip)
 
 
-def measure_all(arguments: argparse.Namespace, capture: Capture, flip: Perceptual | None) -> Iterator[Row]:
+def measure_all(arguments: argparse.Namespace, capture: Capture, flip: Perceptual | None) -> Iterator[Record]:
     """Everything that the command line names."""
     files = (("trained", arguments.scar), ("model", arguments.model), ("post-hoc", arguments.post_hoc))
     for kind, words in files:
@@ -238,12 +227,6 @@ def measure_all(arguments: argparse.Namespace, capture: Capture, flip: Perceptua
     if arguments.ply is not None:
         scene = Scene(f"{arguments.scene}-{file_key(arguments.ply)[:6]}", arguments.ply.absolute())
         yield from measure_model(scene, capture, arguments, flip)
-
-
-def make_record(row: Row, capture: Capture) -> Record:
-    """The record of a row among the results."""
-    camera = capture.test[0].camera
-    return {**asdict(row), "photos": len(capture.test), "size": [camera.width, camera.height]}
 
 
 def train_example(folder: Path) -> tuple[Path, Path]:
@@ -374,11 +357,14 @@ def main(words: Sequence[str] | None = None) -> None:
                 data = Path(arguments.scar[0].rpartition("=")[2]).read_bytes()
                 draw_side_by_side(data, capture.test[arguments.photo], 1600).save(arguments.picture, quality=88)
                 return
-            for row in measure_all(arguments, capture, load_flip()):
-                _add(results, arguments.scene, make_record(row, capture), row.key)
-                save_results(NAME, results, keep, [f"{arguments.scene}/{row.key}"])
-                found = f"{row.figures.file_bytes:,} bytes, {row.figures.psnr_db:.2f} dB"
-                print(f"{arguments.scene}: {row.key}, {found}", file=sys.stderr, flush=True)
+            camera = capture.test[0].camera
+            photos = {"photos": len(capture.test), "size": [camera.width, camera.height]}
+            for record in measure_all(arguments, capture, load_flip()):
+                key, found = f"{record['name']}, layer {record['layers']}", record["figures"]
+                _add(results, arguments.scene, {**record, **photos}, key)
+                save_results(NAME, results, keep, [f"{arguments.scene}/{key}"])
+                shown = f"{found['file_bytes']:,} bytes, {found['psnr_db']:.2f} dB"
+                print(f"{arguments.scene}: {key}, {shown}", file=sys.stderr, flush=True)
     if keep:
         replace_section(NAME, add_provenance(make_tables(results), NAME), RESULTS_PAGE)
     else:

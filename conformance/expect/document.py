@@ -7,7 +7,7 @@ import json
 from typing import Any
 
 from conformance.decoders.python.answers import EXACT, Answers, Array, pin
-from conformance.decoders.python.container import METADATA_KIND, blocks_of_kind, container_fields, profile_of
+from conformance.decoders.python.container import METADATA_KIND, annotation, container_fields, profile_of
 from conformance.decoders.python.decoder import Decoder
 from conformance.decoders.python.front import Limits
 from conformance.decoders.python.streaming import read_streaming
@@ -155,17 +155,14 @@ def _metadata(case: Case) -> dict[str, Any]:
     """The object of the METADATA block, None without one; nothing where none has to be found."""
     if case.result != "decoded":
         return {}
-    found = blocks_of_kind(case.data, METADATA_KIND, _ANY)
-    if not found:
+    block = annotation(case.data, METADATA_KIND, limits=_ANY)
+    if block is None:
         return {"metadata": None}
-    try:
-        value = json.loads(found[0].decode("utf-8"), parse_constant=_not_json)
-    except ValueError:
-        return {}
+    value = json.loads(block)
     assert case.scene is not None
     if case.scene.metadata and value != expected_metadata(case.scene):
         raise RuntimeError(f"{case.id}: the file has other metadata than the scene")
-    return {"metadata": value} if isinstance(value, dict) else {}
+    return {"metadata": value}
 
 
 def _streaming(case: Case) -> dict[str, Any]:
@@ -176,7 +173,3 @@ def _streaming(case: Case) -> dict[str, Any]:
     if read_streaming(case.data) != told:
         raise RuntimeError(f"{case.id}: the second decoder reads other streaming information than the scene has")
     return {"streaming": told}
-
-
-def _not_json(name: str) -> None:
-    raise ValueError(name)

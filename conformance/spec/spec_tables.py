@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import re
 import sys
+import textwrap
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
@@ -18,7 +19,6 @@ from scarfmt_conformance.archive import read
 
 from conformance.decoders.python.decoder import Decoder
 from conformance.decoders.python.work import Work
-from conformance.spec.contents import contents
 from conformance.spec.spec_text import NEURAL, SPEC
 from conformance.spec.worked import rans_text, value_text, worked_file
 from conformance.spec.worked_network import evaluation_rows, network_rows, table_text
@@ -40,7 +40,26 @@ from scarfmt.scene.streams import channel_table
 
 PAGES = (SPEC, NEURAL)
 _WORK_OF = ("worked", "valid/explicit-refined", "valid/predictors", "valid/index-two-level", "valid/anchors-neural")
+_HEADING = re.compile(r"^(#{2,3}) (.+)$", re.MULTILINE)
+_FENCE = re.compile(r"^```.*?^```$", re.MULTILINE | re.DOTALL)
+_WIDTH = 120
 _PART = re.compile(r"<!-- table:([\w-]+) -->\n(.*?)<!-- end -->\n", re.DOTALL)
+
+
+def slug(heading: str) -> str:
+    """The anchor that GitHub gives a heading."""
+    return re.sub(r"[^\w\- ]", "", heading.strip().lower()).replace(" ", "-")
+
+
+def contents(text: str) -> str:
+    """A list of links to the chapters of `text`, each followed by the titles of its sections."""
+    lines: list[str] = []
+    for depth, title in _HEADING.findall(_FENCE.sub("", text)):
+        if len(depth) == 2:
+            lines.append(f"- [{title}](#{slug(title)})")
+        else:
+            lines[-1] += f"{' ·' if ': ' in lines[-1] else ':'} {title}"
+    return "".join(textwrap.fill(line, _WIDTH, subsequent_indent="  ") + "\n" for line in lines[1:])
 
 
 def _work_values() -> str:
@@ -49,8 +68,7 @@ def _work_values() -> str:
     for id_ in _WORK_OF:
         work = Work(Decoder(read(id_)))
         parts = work.parts()
-        numbers = (work.k, parts.models, parts.splits, parts.tiles, parts.anchors, parts.an_anchor, parts.total)
-        lines.append(f"| `{id_}` | {' | '.join(map(str, numbers))} |")
+        lines.append(f"| `{id_}` | {' | '.join(map(str, (work.k, *parts, parts.total)))} |")
     return "\n".join(lines) + "\n"
 
 

@@ -5,8 +5,6 @@ from __future__ import annotations
 import itertools
 from collections.abc import Iterator
 
-import numpy as np
-
 from conformance.decoders.python.answers import Answers
 from conformance.decoders.python.decoder import Decoder
 from conformance.decoders.python.fields import Rans, key
@@ -60,24 +58,14 @@ def rans_trace(data: bytes) -> list[tuple[str, int, int, int, int]]:
     """(table, state before, slot, symbol, value) of every symbol of SCALE in layer 2, as SPEC §8.2 reads."""
     tables = Decoder(data, 2).tables[1]
     start, past = substream_bytes(data, Stream.SCALE, 2)
-    words = np.frombuffer(data[start:past], "<u4").tolist()
-    state, rows = 0, []
-    for _ in range(2):
-        state = state << 32 | words.pop() if words else state
+    rans, rows = Rans(data[start:past], tables), []
     for number, count in _scale_groups():
-        values, cumulative = tables[number]
+        values = tables[number].values
         for _ in range(count):
-            if len(values) == 1:
-                rows.append((_key_text(number), state, -1, 0, values[0]))
-                continue
-            slot = state & 0xFFFFFF
-            symbol = max(i for i, c in enumerate(cumulative[:-1]) if c <= slot)
-            rows.append((_key_text(number), state, slot, symbol, values[symbol]))
-            state = (cumulative[symbol + 1] - cumulative[symbol]) * (state >> 24) + slot - cumulative[symbol]
-            if state < 1 << 32 and words:
-                state = state << 32 | words.pop()
-    assert not state
-    assert not words
+            state, slot = rans.state, rans.slot() if len(values) > 1 else -1
+            value = rans.symbol(tables[number])
+            rows.append((_key_text(number), state, slot, values.index(value), value))
+    rans.seal()
     return rows
 
 

@@ -44,10 +44,8 @@ CAPABILITIES = {
 }
 _MAPPED = 1 << 24
 """Bytes of a file from which on it is mapped, not read."""
-_CODES = {"<u4": "I", "<u8": "Q", "|u1": "B", "<u2": "H", "<i4": "i", "<f8": "d", "<f4": "f"}
-
-
 _FIRST = 8
+_CODES = {"<u4": "I", "<u8": "Q", "|u1": "B", "<u2": "H", "<i4": "i", "<f8": "d", "<f4": "f"}
 
 
 def array(dtype: str, shape: Sequence[int], values: Iterable[Any]) -> Array:
@@ -170,14 +168,9 @@ def answer(data: bytes, layers: int, stage: str) -> dict[str, Any]:
         answers = Answers(Decoder(data, layers or None))
     except Refused as refusal:
         return {"refused": str(refusal), "offset": None, "message": "a rule is broken"}
-    wanted = ("container", *EXACT) if stage == "all" else (stage,)
-    return {"stages": {name: _one(data, answers, name) for name in wanted}}
-
-
-def _one(data: bytes, answers: Answers, stage: str) -> dict[str, Any]:
-    if stage == "container":
-        return {"container": container_fields(data)}
-    return {"arrays": answers.stage(stage)}
+    stages = {name: {"arrays": answers.stage(name)} for name in EXACT if stage in ("all", name)}
+    container = {"container": {"container": container_fields(data)}} if stage in ("all", "container") else {}
+    return {"stages": {**container, **stages}}
 
 
 def answer_file(path: Path, layers: int, stage: str) -> dict[str, Any]:

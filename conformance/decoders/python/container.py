@@ -7,11 +7,14 @@ import zlib
 from dataclasses import asdict
 from typing import Any
 
+from conformance.decoders.python.fields import require
 from conformance.decoders.python.front import (
+    EXACT,
     FILE_HEADER,
     HEADER_CHECKSUM,
     LAYER_SUMMARY,
     LIMITS,
+    NO_TILE,
     SIGNATURE,
     Layout,
     Limits,
@@ -64,10 +67,16 @@ def _texts(row: dict[str, int]) -> dict[str, str]:
     return {name: str(number) for name, number in row.items()}
 
 
-def blocks_of_kind(data: bytes, kind: str, limits: Limits = LIMITS) -> list[bytes]:
-    """The payloads of the blocks of a kind, in file order."""
-    entries = [entry for entry in container_fields(data, limits)["entries"] if entry["kind"] == kind]
-    return [data[int(e["offset"]) : int(e["offset"]) + int(e["length"])] for e in entries]
+def annotation(data: bytes, kind: str, most: int = EXACT, limits: Limits = LIMITS) -> bytes | None:
+    """The block of a kind in layer 1 that belongs to no tile, of so many bytes at most; None if there is none."""
+    for entry in container_fields(data, limits)["entries"]:
+        if (entry["kind"], entry["layer"], entry["tile"]) == (kind, "1", str(NO_TILE)):
+            start, length = int(entry["offset"]), int(entry["length"])
+            require(length <= most, "limit-metadata")
+            block = data[start : start + length]
+            require(zlib.crc32(block) == int(entry["crc32"]), "crc-mismatch")
+            return block
+    return None
 
 
 def profile_of(data: bytes) -> str | None:

@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import json
-import zlib
 from typing import Any
 
-from conformance.decoders.python.container import METADATA_KIND, container_fields
+from conformance.decoders.python.container import METADATA_KIND, annotation
 from conformance.decoders.python.fields import Refused, require
 
 MAX_DEPTH = 64
@@ -15,14 +14,8 @@ MAX_BYTES = 1 << 20
 
 def read_metadata(data: bytes) -> Any:
     """The object of a file whose header and directory are sound; None where it has none."""
-    found = [entry for entry in container_fields(data)["entries"] if entry["kind"] == METADATA_KIND]
-    if not found:
-        return None
-    start, length = int(found[0]["offset"]), int(found[0]["length"])
-    require(length <= MAX_BYTES, "limit-metadata")
-    block = data[start : start + length]
-    require(zlib.crc32(block) == int(found[0]["crc32"]), "crc-mismatch")
-    return parse_metadata(block)
+    block = annotation(data, METADATA_KIND, MAX_BYTES)
+    return None if block is None else parse_metadata(block)
 
 
 def parse_metadata(block: bytes) -> Any:

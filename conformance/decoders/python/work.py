@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 from conformance.decoders.python.fields import OFFSETS
 
@@ -15,15 +14,8 @@ Declared = list[tuple[int, int, int]]
 """Layer, tile and count of every TILE block."""
 
 
-@dataclass(frozen=True)
-class Parts:
-    """The terms of work(k).
-
-    Attributes:
-        models, splits, tiles: the sums that come first.
-        anchors: after layer k.
-        an_anchor: the work of each of them, of the dearest class.
-    """
+class Parts(NamedTuple):
+    """The terms of work(k): three sums, the anchors after layer k, and the work of each of the dearest class."""
 
     models: int
     splits: int

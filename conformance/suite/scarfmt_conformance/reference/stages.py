@@ -38,7 +38,6 @@ Arrays = dict[str, NDArray[Any]]
 """Arrays of the protocol's types, in the byte order of the machine. They become little-endian in the answer."""
 
 
-
 @dataclass(frozen=True)
 class Decoding:
     """A file decoded to a layer.
@@ -219,12 +218,7 @@ def values(found: Decoding) -> Arrays:
 
 
 EXACT: dict[str, Callable[[Decoding], Arrays]] = {
-    "context": context,
-    "frequencies": frequencies,
-    "indices": indices,
-    "integers": integers,
-    "sums": sums,
-    "values": values,
+    stage.__name__: stage for stage in (context, frequencies, indices, integers, sums, values)
 }
 """Exact stages that need a decode of the tiles."""
 
