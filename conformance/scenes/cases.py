@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
+from conformance.scenes.made import Plan, build
+from conformance.writer.file import PLAIN, write_file
+from conformance.writer.options import WriteOptions
 from scarfmt.coding.writer import QuantisedScene
 
 Fault = tuple[str, str, str, str, bytes]
@@ -49,6 +53,15 @@ class Case:
         if self.id.startswith("either/"):
             return "either"
         return "refused" if self.refusals else "decoded"
+
+
+def edge(
+    name: str, purpose: str, scene: Plan | QuantisedScene, rules: Sequence[str], options: WriteOptions = PLAIN,
+    features: Sequence[str] = (),
+) -> Case:  # fmt: skip
+    """A valid file at an end of what is allowed."""
+    made = build(scene) if isinstance(scene, Plan) else scene
+    return Case(f"edge/{name}", purpose, write_file(made, options), tuple(rules), tuple(features), made)
 
 
 def refused(

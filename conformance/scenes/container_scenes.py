@@ -7,15 +7,14 @@ from functools import cache
 
 import numpy as np
 
-from conformance.scenes.made import ANCHOR_CHANNELS, Plan, build, channel
+from conformance.scenes.made import ANCHOR_CHANNELS, SCALE3, Plan, build
 from conformance.writer.file import write_file
 from conformance.writer.options import WriteOptions
 from scarfmt.coding.writer import QuantisedScene
 from scarfmt.container.file import Tile
-from scarfmt.container.schema import Profile, Stream
+from scarfmt.container.schema import Profile
 from scarfmt.scene.model import LayerRow
 
-_SCALE = channel(Stream.SCALE, 0.5, 3)
 _METADATA: dict[str, object] = {"title": "container"}
 
 
@@ -23,7 +22,7 @@ _METADATA: dict[str, object] = {"title": "container"}
 def plain_scene() -> QuantisedScene:
     """Explicit profile: three tiles, two layers, a codebook, a network, METADATA; 32 lattice bits."""
     return build(Plan(
-        "container", (_SCALE,), (LayerRow((1,), ((1,),)), LayerRow((1, 1), ((2,), (1,)))),
+        "container", (SCALE3,), (LayerRow((1,), ((1,),)), LayerRow((1, 1), ((2,), (1,)))),
         (Tile(1, 27, 1), Tile(2, 27, 16), Tile(1, 26, 5)), (4, 3, 5), bits=32, dimension=2, codewords=(3, 3), spread=1,
         metadata=_METADATA,
     ))
@@ -42,7 +41,7 @@ def anchor_scene() -> QuantisedScene:
 def root_scene() -> QuantisedScene:
     """Explicit profile: one tile of depth 0 whose only cell is the whole lattice of 32 bits."""
     return build(Plan(
-        "container root", (_SCALE,), (LayerRow((0,), ((1,),)),), (Tile(0, 31, 0),), (3,), bits=32, spread=1,
+        "container root", (SCALE3,), (LayerRow((0,), ((1,),)),), (Tile(0, 31, 0),), (3,), bits=32, spread=1,
     ))
 
 
@@ -54,7 +53,7 @@ def crowd_scene(counts: tuple[int, ...]) -> QuantisedScene:
         counts: anchors of each tile, at most 8 of them.
     """
     return build(Plan(
-        "container crowd", (_SCALE,), (LayerRow((0,), ((1,),)),), tuple(Tile(1, 0, n) for n in range(len(counts))),
+        "container crowd", (SCALE3,), (LayerRow((0,), ((1,),)),), tuple(Tile(1, 0, n) for n in range(len(counts))),
         counts, bits=1, constant=True,
     ))
 
@@ -87,7 +86,7 @@ def paged_scene() -> QuantisedScene:
     In pages of two, the second page has no anchors, the third none that come in layer 2, the fourth none in layer 1.
     """
     scene = build(Plan(
-        "container pages", (_SCALE,), (LayerRow((1,), ((1,),)), LayerRow((1, 1), ((1,), (1,)))), PAGED_TILES,
+        "container pages", (SCALE3,), (LayerRow((1,), ((1,),)), LayerRow((1, 1), ((1,), (1,)))), PAGED_TILES,
         (5, 2, 0, 0, 4, 1, 3), bits=32, dimension=2, codewords=(3, 3), spread=1, metadata=_METADATA,
     ))  # fmt: skip
     for number, class_ in ((4, 0), (5, 0), (6, 1)):
@@ -101,7 +100,7 @@ def paged_scene() -> QuantisedScene:
 def many_pages_scene(tiles: int) -> QuantisedScene:
     """Explicit profile: so many tiles, up to 4096, and no anchors."""
     return build(Plan(
-        "container many pages", (_SCALE,), (LayerRow((0,), ((1,),)),), tuple(Tile(4, 0, n) for n in range(tiles)),
+        "container many pages", (SCALE3,), (LayerRow((0,), ((1,),)),), tuple(Tile(4, 0, n) for n in range(tiles)),
         (0,) * tiles, bits=4,
     ))  # fmt: skip
 

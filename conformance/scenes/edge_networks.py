@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from conformance.scenes.cases import Case
-from conformance.scenes.made import ANCHOR_CHANNELS, EVERY_CHANNEL, Plan, build, channel
+from conformance.scenes.cases import Case, edge
+from conformance.scenes.made import ANCHOR_CHANNELS, COLOURED, EVERY_CHANNEL, SCALE3, WHOLE, Plan, build, channel
 from conformance.scenes.neural_models import GridPlan, NetworkPlan, PredictorPlan
 from conformance.surgery.edit import edited, replaced
 from conformance.surgery.files import changed, numbers_of, renumbered
@@ -29,15 +29,7 @@ from scarfmt.neural.network import Attention, GruLayer, IndexNetwork
 from scarfmt.neural.predictors import Predictor
 from scarfmt.scene.model import MAX_CLASSES, DecodedContext, LayerRow
 
-_WHOLE = (Tile(0, 0, 0),)
-_SCALE3 = channel(Stream.SCALE, 0.5, 3)
-_COLOURED = (_SCALE3, channel(Stream.COLOUR, 0.1, 3))
 _PASSES = "R-10.2-1", "R-10.2-3", "R-10.2-4", "R-10.2-5"
-
-
-def _edge(name: str, purpose: str, scene: Plan | QuantisedScene, rules: Sequence[str]) -> Case:
-    made = build(scene) if isinstance(scene, Plan) else scene
-    return Case(f"edge/{name}", purpose, write_file(made), tuple(rules), (), made)
 
 
 def _rows(*rows: tuple[bool, Sequence[int], int]) -> tuple[LayerRow, ...]:
@@ -47,7 +39,7 @@ def _rows(*rows: tuple[bool, Sequence[int], int]) -> tuple[LayerRow, ...]:
 
 def _plan(seed: str, network: NetworkPlan | None, rows: tuple[LayerRow, ...], **fields: Any) -> Plan:
     """SCALE and COLOUR; degree 1, three latent dimensions."""
-    plan = Plan(f"edge {seed}", _COLOURED, rows, _WHOLE, (20,), bits=6, degree=1, dimension=3, loudness=8,
+    plan = Plan(f"edge {seed}", COLOURED, rows, WHOLE, (20,), bits=6, degree=1, dimension=3, loudness=8,
                 network=network)
     return replace(plan, **fields)
 
@@ -58,36 +50,36 @@ def _plan(seed: str, network: NetworkPlan | None, rows: tuple[LayerRow, ...], **
 def predictor_cases() -> Iterator[Case]:
     """Cases of predictors."""
     rules = "R-10.3-3", "R-10.3-4", "R-10.3-5"
-    yield _edge("predictors-every", "every component of every attribute channel, steps 1 and 2", _every(), rules)
-    yield _edge("predictors-anchor", "256 contexts as 256, 16 and 1 buckets, 0 to 64 hidden units; six scales", Plan(
-        "edge anchor predictors", ANCHOR_CHANNELS, (LayerRow((1,), ((1, 1),)), LayerRow((1,), ((2, 1),))), _WHOLE,
+    yield edge("predictors-every", "every component of every attribute channel, steps 1 and 2", _every(), rules)
+    yield edge("predictors-anchor", "256 contexts as 256, 16 and 1 buckets, 0 to 64 hidden units; six scales", Plan(
+        "edge anchor predictors", ANCHOR_CHANNELS, (LayerRow((1,), ((1, 1),)), LayerRow((1,), ((2, 1),))), WHOLE,
         (30,), bits=6, profile=Profile.ANCHOR, slots=2, dimension=3, codewords=(4, 4), context=DecodedContext(2, (9,)),
         predictors=tuple(
             PredictorPlan(Stream.SCALE, c, 1 + c % 2, units, buckets)
             for c, (units, buckets) in enumerate((
-                (0, (256, 1)), (64, (1, 256)), (1, (16, 16)), (7, (1, 1)), (0, (85, 3)), (63, (2, 128))))
+               (0, (256, 1)), (64, (1, 256)), (1, (16, 16)), (7, (1, 1)), (0, (85, 3)), (63, (2, 128))))
         )), rules)
     classes = tuple(LayerRow((0,) * n, ((1 + (n > 8),) * 2,) * n) for n in (8, 15))
     for name, columns in (("fifteen", 15), ("none", 0)):
-        yield _edge(f"predictors-classes-{name}", f"fifteen classes, predictors that look at {columns} of them", Plan(
-            f"edge classes {name}", _COLOURED, classes, _WHOLE, (60,), bits=6, context=DecodedContext(1, (12, 3)),
+        yield edge(f"predictors-classes-{name}", f"fifteen classes, predictors that look at {columns} of them", Plan(
+            f"edge classes {name}", COLOURED, classes, WHOLE, (60,), bits=6, context=DecodedContext(1, (12, 3)),
             predictors=(PredictorPlan(Stream.SCALE, 0, 1, 3, classes=columns),
                         PredictorPlan(Stream.COLOUR, 2, 2, 0, classes=columns))), rules)
     late = (
         LayerRow((0,), ((1, 0),)), LayerRow((0, 0), ((2, 1), (1, 0))), LayerRow((0,) * 3, ((2, 3), (3, 1), (3, 3))),
     )
-    yield _edge("predictors-late", "predictors of layer 1 in force for classes that appear in layers 2 and 3", Plan(
-        "edge late predictors", _COLOURED, late, (Tile(1, 0, 0), Tile(1, 0, 7)), (40, 9), bits=6,
+    yield edge("predictors-late", "predictors of layer 1 in force for classes that appear in layers 2 and 3", Plan(
+        "edge late predictors", COLOURED, late, (Tile(1, 0, 0), Tile(1, 0, 7)), (40, 9), bits=6,
         context=DecodedContext(1, (8,)), predictors=(
             PredictorPlan(Stream.SCALE, 0, 1, 2), PredictorPlan(Stream.SCALE, 1, 3, 0),
             PredictorPlan(Stream.COLOUR, 0, 1, 2), PredictorPlan(Stream.COLOUR, 0, 3, 2))), rules)
     for log2, targets in ((0, ()), (0, (65535,)), (1, (2, 1)), (3, (4, 3, 2, 1))):
-        yield _edge(f"predictors-passes-{log2}-depths-{len(targets)}", (
+        yield edge(f"predictors-passes-{log2}-depths-{len(targets)}", (
             f"passes_log2 {log2} and {len(targets)} depths; tiles of 0, 1, 3 and 17 anchors: passes may be empty"),
             _passes(log2, targets), _PASSES)
-    yield _edge("predictors-exact", "contexts that tell inputs near their ends apart, each input by itself", _exact(),
-                (*rules, "R-10.1-1"))
-    yield _edge("predictors-largest", "weights of 32767 and -32767", _largest(), ("R-10.1-1", "R-10.3-2"))
+    yield edge("predictors-exact", "contexts that tell inputs near their ends apart, each input by itself", _exact(),
+               (*rules, "R-10.1-1"))
+    yield edge("predictors-largest", "weights of 32767 and -32767", _largest(), ("R-10.1-1", "R-10.3-2"))
     yield from _latent_cases((*rules, "R-10.3-1"))
     stored = build(_passes(1, (5,)))
     data = write_file(stored)
@@ -124,12 +116,12 @@ def _latent_cases(rules: Sequence[str]) -> Iterator[Case]:
     scales = channel(Stream.SCALE, 0.25, 6)
     wide = channel(Stream.LATENT, 1.5, 64)
     every = (PredictorPlan(Stream.LATENT, c, 1, c // 62, (2 + c % 7, 2)) for c in range(64))
-    yield _edge("predictors-latents-64", "predictors of 64 components of LATENT; of a second step, too", Plan(
-        "edge 64 latents", (_SCALE3, wide), rows, _WHOLE, (40,), bits=6, dimension=64,
+    yield edge("predictors-latents-64", "predictors of 64 components of LATENT; of a second step, too", Plan(
+        "edge 64 latents", (SCALE3, wide), rows, WHOLE, (40,), bits=6, dimension=64,
         context=DecodedContext(1, (12, 3)), predictors=(*every, PredictorPlan(Stream.LATENT, 63, 2, 2, (6, 3)))), rules)
-    yield _edge("predictors-inputs-255", "57 components and three depths in the anchor profile: 255 inputs", Plan(
+    yield edge("predictors-inputs-255", "57 components and three depths in the anchor profile: 255 inputs", Plan(
         "edge 255 inputs", (scales, channel(Stream.LATENT, 1.5, 57), ANCHOR_CHANNELS[1]),
-        tuple(LayerRow(row.stages, tuple((*steps, 1) for steps in row.steps)) for row in rows), _WHOLE, (30,), bits=6,
+        tuple(LayerRow(row.stages, tuple((*steps, 1) for steps in row.steps)) for row in rows), WHOLE, (30,), bits=6,
         profile=Profile.ANCHOR, slots=1, dimension=57, context=DecodedContext(2, (20, 6, 2)), predictors=(
             PredictorPlan(Stream.LATENT, 0, 1, 64), PredictorPlan(Stream.LATENT, 56, 1, 0, (16, 8)),
             PredictorPlan(Stream.LATENT, 30, 2, 3), PredictorPlan(Stream.LATENT, 56, 2, 1, wide=True))), rules)
@@ -148,7 +140,7 @@ def _exact_predictor(stream: Stream, component: int, step: int, inputs: int, col
 def _exact() -> QuantisedScene:
     """Two depths. Inputs of SCALE: 15 class columns, 3 values, 6 means, 2 counts, 2 differences; COLOUR has 3 more."""
     scene = build(Plan(
-        "edge exact", _COLOURED, (LayerRow((0,), ((2, 2),)),), _WHOLE, (60,), bits=5, spread=22,
+        "edge exact", COLOURED, (LayerRow((0,), ((2, 2),)),), WHOLE, (60,), bits=5, spread=22,
         context=DecodedContext(2, (20, 3))))
     wanted = (
         (Stream.SCALE, 0, 1, 18, 0), (Stream.SCALE, 0, 2, 15, 511), (Stream.SCALE, 1, 1, 15, 511),
@@ -182,13 +174,13 @@ def _every() -> Plan:
         for c in channels for j in range(c.components) for step in (1, 2)
     )
     rows = (LayerRow((0,), ((1,) * 4,)), LayerRow((0, 0), ((3, 2, 2, 3), (2, 1, 2, 2))))
-    return Plan("edge every", channels, rows, _WHOLE, (40,), bits=6, context=DecodedContext(1, (10,)), predictors=plans)
+    return Plan("edge every", channels, rows, WHOLE, (40,), bits=6, context=DecodedContext(1, (10,)), predictors=plans)
 
 
 def _passes(log2: int, targets: tuple[int, ...]) -> Plan:
     tiles = tuple(Tile(1, 0, code) for code in range(4))
     rows = (LayerRow((0,), ((1, 1),)), LayerRow((0, 0), ((2, 2), (2, 1))))
-    return Plan(f"edge passes {log2} {targets}", _COLOURED, rows, tiles, (0, 1, 3, 17), bits=4,
+    return Plan(f"edge passes {log2} {targets}", COLOURED, rows, tiles, (0, 1, 3, 17), bits=4,
                 context=DecodedContext(log2, targets), predictors=(
                     PredictorPlan(Stream.SCALE, 0, 1, 2), PredictorPlan(Stream.SCALE, 2, 2, 0),
                     PredictorPlan(Stream.COLOUR, 1, 1, 0), PredictorPlan(Stream.COLOUR, 1, 2, 3)))
@@ -210,20 +202,20 @@ def network_cases() -> Iterator[Case]:
 def _width_cases() -> Iterator[Case]:
     rules = "R-10.5-2", "R-10.5-8"
     least = NetworkPlan(bits=8, widths=(1, 1, 1), dims=1, classes=1, own=False)
-    yield _edge("index-least", "one input, widths of 1, one stage, one head, no tokens", _plan(
+    yield edge("index-least", "one input, widths of 1, one stage, one head, no tokens", _plan(
         "least", least, _rows((True, (1,), 1)), counts=(12,)), (*rules, "R-10.5-4"))
     wide = NetworkPlan(bits=8, widths=(256, 20, 256), dims=3, layers=1, latents=3, classes=15)
-    yield _edge("index-wide", "an embedding and a mixer of 256 units, four depths", _plan(
+    yield edge("index-wide", "an embedding and a mixer of 256 units, four depths", _plan(
         "wide", wide, _rows((True, (2,), 1)), counts=(7,), context=DecodedContext(1, (6, 4, 2, 1))), rules)
     state = NetworkPlan(bits=12, widths=(2, 40, 2), dims=2, layers=4, attention=True)
-    yield _edge("index-state", "a state of 40 units in four recurrent layers, attention", _plan(
+    yield edge("index-state", "a state of 40 units in four recurrent layers, attention", _plan(
         "state", state, _rows((True, (3,), 1)), counts=(9,)), rules)
-    yield _edge("index-widest", "widths of 256, one weight in 64", _sparse(_plan(
+    yield edge("index-widest", "widths of 256, one weight in 64", _sparse(_plan(
         "widest", NetworkPlan(bits=9, widths=(256, 256, 256)), _rows((True, (2,), 1)), counts=(4,))), rules)
     many = NetworkPlan(widths=(4, 4, 4), dims=64, classes=15, latents=64, own=True)
     latent = _plan("many inputs", many, _rows((True, (2,), 1)), counts=(8,), dimension=64,
                    context=DecodedContext(0, (8, 5, 3, 1)))
-    yield _edge("index-codeword-dims", "64 codeword dimensions, and means of 64 latents at four depths", latent, rules)
+    yield edge("index-codeword-dims", "64 codeword dimensions, and means of 64 latents at four depths", latent, rules)
 
 
 def _sparse(plan: Plan) -> QuantisedScene:
@@ -263,7 +255,7 @@ def _mixed_cases() -> Iterator[Case]:
         rows = _rows((True, (1, tokens + 1), 1), (True, (tokens + 1, tokens + 1, 2), 2))
         heads = "two-level" if two_level else "flat"
         purpose = f"passes_log2 {passes}, {len(targets)} depths, {layers} recurrent layers, T {tokens}, {heads} heads"
-        yield _edge(f"index-mix-{number}", purpose, _plan(
+        yield edge(f"index-mix-{number}", purpose, _plan(
             f"mix {number}", network, rows, tiles=(Tile(1, 0, 1), Tile(1, 1, 3), Tile(2, 1, 40)), counts=(14, 6, 1),
             context=DecodedContext(passes, targets)), (*_PASSES, "R-10.5-8", "R-10.5-9"))
 
@@ -271,32 +263,32 @@ def _mixed_cases() -> Iterator[Case]:
 def _head_cases() -> Iterator[Case]:
     rules = "R-10.5-5", "R-10.5-9", "R-10.5-10"
     single = NetworkPlan(clusters=((1,) * 12, (12,)))
-    yield _edge("index-clusters", "as many clusters as codewords, and one cluster of all: one of both codes nothing",
-                _plan("clusters", single, _rows((True, (3,), 1))), rules)
+    yield edge("index-clusters", "as many clusters as codewords, and one cluster of all: one of both codes nothing",
+               _plan("clusters", single, _rows((True, (3,), 1))), rules)
     large = NetworkPlan(widths=(3, 3, 4), dims=2, clusters=((16,) * 256, ()))
-    yield _edge("index-4096", "4096 codewords: in 256 clusters, and flat", _plan(
+    yield edge("index-4096", "4096 codewords: in 256 clusters, and flat", _plan(
         "4096", large, _rows((True, (2,), 1)), counts=(6,), dimension=2, codewords=(4096, 4096)), rules)
-    yield _edge("index-one-codeword", "codebooks of one codeword: no index takes a bit", _plan(
+    yield edge("index-one-codeword", "codebooks of one codeword: no index takes a bit", _plan(
         "one codeword", NetworkPlan(attention=True), _rows((True, (3,), 1)), codewords=(1, 1)), rules)
-    yield _edge("index-first-symbols", "every index is 0: INDICES of flat heads has no bytes", _plan(
+    yield edge("index-first-symbols", "every index is 0: INDICES of flat heads has no bytes", _plan(
         "first", NetworkPlan(attention=True), _rows((True, (3,), 1)), constant=True), ("R-7.1-6", "R-8.2-3"))
-    yield _edge("index-spare-tokens", "biases of seven tokens, two stages", _plan(
+    yield edge("index-spare-tokens", "biases of seven tokens, two stages", _plan(
         "spare", NetworkPlan(tokens=7, attention=True), _rows((True, (2,), 1))), ("R-10.5-6",))
-    yield _edge("index-class-beyond", "four classes, columns for one: the others have none", _plan(
+    yield edge("index-class-beyond", "four classes, columns for one: the others have none", _plan(
         "beyond", NetworkPlan(classes=1), _rows((True, (1, 1), 1), (True, (2, 1, 1, 2), 1))), ("R-10.5-8",))
 
 
 def _mode_cases() -> Iterator[Case]:
     rules = "R-10.4-1", "R-10.4-2", "R-8.4-2"
-    yield _edge("index-mode-1-0", "entropy mode 1, then 0: later stages by tables", _plan(
+    yield edge("index-mode-1-0", "entropy mode 1, then 0: later stages by tables", _plan(
         "1 0", NetworkPlan(), _rows((True, (2,), 1), (False, (4, 1), 1))), rules)
-    yield _edge("index-mode-late", "entropy mode 1 in layer 3 only, for anchors with stages and without", _plan(
+    yield edge("index-mode-late", "entropy mode 1 in layer 3 only, for anchors with stages and without", _plan(
         "late mode", NetworkPlan(attention=True, latents=2), _rows(
             (False, (0,), 1), (False, (1, 0), 1), (True, (3, 2, 1), 2), (False, (3, 3, 1), 2)),
         context=DecodedContext(1, (8, 2)), counts=(40,)), rules)
-    yield _edge("index-mode-idle", "a layer of entropy mode 1 in which no class gets a stage", _plan(
+    yield edge("index-mode-idle", "a layer of entropy mode 1 in which no class gets a stage", _plan(
         "idle mode", NetworkPlan(), _rows((True, (2,), 1), (True, (2,), 2))), rules)
-    yield _edge("index-no-anchor", "an index network in a file without anchors", _plan(
+    yield edge("index-no-anchor", "an index network in a file without anchors", _plan(
         "no anchor", NetworkPlan(), _rows((True, (2,), 1)), tiles=(), counts=()), rules)
 
 
@@ -369,16 +361,16 @@ def _opposed_network() -> QuantisedScene:
 
 
 def _number_cases() -> Iterator[Case]:
-    yield _edge("index-opposed", "the two parts of a candidate state nearly cancel, one of them clamped",
-                _opposed_network(), ("R-10.5-8",))
-    yield _edge("index-exact", "an embedding that shows every input as it is, near its ends", _exact_network(),
-                ("R-10.2-5", "R-10.5-8"))
-    yield _edge("index-largest", "weights of 32767 and -32767", _largest_network(), ("R-10.1-1", "R-10.5-1"))
+    yield edge("index-opposed", "the two parts of a candidate state nearly cancel, one of them clamped",
+               _opposed_network(), ("R-10.5-8",))
+    yield edge("index-exact", "an embedding that shows every input as it is, near its ends", _exact_network(),
+               ("R-10.2-5", "R-10.5-8"))
+    yield edge("index-largest", "weights of 32767 and -32767", _largest_network(), ("R-10.1-1", "R-10.5-1"))
     attended = _plan("shifts", NetworkPlan(attention=True), _rows((True, (3,), 1)))
     for shift in (0, MAX_SHIFT):
         scene = build(replace(attended, seed=f"edge shift {shift}"))
         assert scene.network is not None
-        yield _edge(f"index-shift-{shift}", f"shifts of {shift}, but at most 23 in recurrent layers", replace(
+        yield edge(f"index-shift-{shift}", f"shifts of {shift}, but at most 23 in recurrent layers", replace(
             scene, network=_with_shift(scene.network, shift)), ("R-10.1-1", "R-10.5-3", "R-10.5-7"))
     for shift, loudness in ((0, 512), (MAX_SHIFT, 1)):
         scene = build(_plan(f"codeword shift {shift}", NetworkPlan(latents=3, latent_shift=MAX_SHIFT - shift), _rows(
@@ -386,8 +378,8 @@ def _number_cases() -> Iterator[Case]:
         assert scene.network is not None
         silent = replace(scene.network, codeword_shift=shift, heads=tuple(
             replace(head, biases=np.arange(len(head.biases)) % 5) for head in scene.network.heads))
-        yield _edge(f"index-codeword-shift-{shift}", f"a codeword shift of {shift}: activations at their end or all 0",
-                    replace(scene, network=silent), ("R-10.5-7", "R-10.5-8"))
+        yield edge(f"index-codeword-shift-{shift}", f"a codeword shift of {shift}: activations at their end or all 0",
+                   replace(scene, network=silent), ("R-10.5-7", "R-10.5-8"))
     scene = build(_plan("shifts of arrays", NetworkPlan(clusters=((), (6, 6))), _rows((True, (2,), 1))))
     yield Case("edge/index-shifts", "no zero bits left out of biases, zeros shifted by 31",
                renumbered(write_file(scene), BlockKind.ENTROPY_NETWORK, _unshifted), ("R-8.5-2",), scene=scene)
@@ -420,12 +412,12 @@ def _grid_cases() -> Iterator[Case]:
          GridPlan((0, 0, 0), 6, sixteen), 255),
     ):
         bits = 32 if name == "extent-32" else 6
-        tiles = (Tile(0, 11, 0),) if name == "extent-32" else _WHOLE
-        case = _edge(f"grid-{name}", what, _plan(
+        tiles = (Tile(0, 11, 0),) if name == "extent-32" else WHOLE
+        case = edge(f"grid-{name}", what, _plan(
             f"grid {name}", own, _rows((True, (2,), 1)), grid=plan, bits=bits, tiles=tiles), rules)
         yield case if ones is None else replace(case, data=_with_ones(case, ones))
     table = GridPlan((0, 0, 0), 6, (GridLevel(0, 65535, 15, 2),))
     scene = build(_plan("grid zeros", own, _rows((True, (1,), 1)), grid=table, counts=(8,)))
     assert scene.grid is not None
     empty = replace(scene, grid=replace(scene.grid, bits=tuple(0 * bits for bits in scene.grid.bits)))
-    yield _edge("grid-empty-stream", "a level of 65536 zeros: its stream has no bytes", empty, (*rules, "R-8.2-3"))
+    yield edge("grid-empty-stream", "a level of 65536 zeros: its stream has no bytes", empty, (*rules, "R-8.2-3"))

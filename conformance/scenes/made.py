@@ -217,7 +217,10 @@ def worked_scene() -> QuantisedScene:
     return QuantisedScene(fields, model, (Tile(1, 0, 5),), (content,))
 
 
-_SCALE3 = channel(Stream.SCALE, 0.5, 3)
+WHOLE = (Tile(0, 0, 0),)
+"""The whole lattice as one tile."""
+SCALE3 = channel(Stream.SCALE, 0.5, 3)
+COLOURED = (SCALE3, channel(Stream.COLOUR, 0.1, 3))
 EVERY_CHANNEL = (
     channel(Stream.POSITION_RESIDUAL, 1 / 3, 3),
     channel(Stream.SCALE, 0.3, 3),
@@ -246,38 +249,37 @@ _ANCHOR_RICH = (
 
 def static_plans() -> dict[str, tuple[str, Plan]]:
     """Scenes without neural entropy model: name -> (what it tests, plan)."""
-    whole = (Tile(0, 0, 0),)
     return {
         "one-anchor": ("one anchor: its 63 bits travel as uniform bits, 12 at a time", Plan(
-            "one", (_SCALE3,), steady(1, 0, (1,)), whole, (1,), bits=21)),
+            "one", (SCALE3,), steady(1, 0, (1,)), WHOLE, (1,), bits=21)),
         "no-anchors": ("no anchors and no tiles: header and one LAYER block", Plan(
-            "none", (_SCALE3,), steady(1, 0, (1,)), (), ())),
+            "none", (SCALE3,), steady(1, 0, (1,)), (), ())),
         "explicit-refined": ("all channels, three layers, four classes, tiles of other depth and shift, stages", Plan(
             "refined", EVERY_CHANNEL, REFINED_ROWS, SPREAD_TILES, (30, 20, 0, 40), degree=2, dimension=5)),
         "sh-from-network": ("no COLOUR: the network gives all coefficients; one stage only", Plan(
-            "network", (_SCALE3,), steady(1, 1, (1,)), whole, (70,), degree=1, dimension=2)),
+            "network", (SCALE3,), steady(1, 1, (1,)), WHOLE, (70,), degree=1, dimension=2)),
         "duplicates": ("400 anchors at 7 lattice points: leaves of many anchors, nodes of more than 16", Plan(
-            "duplicates", (_SCALE3,), steady(1, 0, (1,)), whole, (400,), codes=7, bits=7)),
+            "duplicates", (SCALE3,), steady(1, 0, (1,)), WHOLE, (400,), codes=7, bits=7)),
         "one-symbol": ("every table has one symbol: no sub-stream but positions has bytes, layer 2 has no TILE", Plan(
-            "constant", (_SCALE3,), (LayerRow((1,), ((1,),)), LayerRow((2,), ((3,),))), whole, (50,),
+            "constant", (SCALE3,), (LayerRow((1,), ((1,),)), LayerRow((2,), ((3,),))), WHOLE, (50,),
             dimension=2, codewords=(1, 1), constant=True, bits=6)),
         "full-block": ("65536 anchors in one block: the largest split codes its rest in two parts", Plan(
-            "full", (_SCALE3,), steady(1, 0, (1,)), whole, (65536,), bits=2, skew=5, constant=True)),
+            "full", (SCALE3,), steady(1, 0, (1,)), WHOLE, (65536,), bits=2, skew=5, constant=True)),
         "fifteen-classes": ("classes up to 14, context numbers of indices up to 225", Plan(
             "classes", (channel(Stream.SCALE, 0.5, 3),),
             (LayerRow((1,) * 9, ((1,),) * 9), LayerRow(tuple(range(1, 9)) + (8,) * 7, ((2,),) * 15)),
-            whole, (400,), dimension=3, spread=6)),
+            WHOLE, (400,), dimension=3, spread=6)),
         "sixteen-layers": ("as many layers as there can be, the third without change", Plan(
-            "sixteen", (_SCALE3,), tuple(
+            "sixteen", (SCALE3,), tuple(
                 LayerRow((0,) * min(1 + k // 4, 4), ((max(k, 1) if k != 2 else 1,),) * min(1 + k // 4, 4))
-                for k in range(16)), whole, (40,), bits=8)),
+                for k in range(16)), WHOLE, (40,), bits=8)),
         "twenty-steps": ("refined to 3^-19 of the step; results beyond both ends of the normal binary32 range", Plan(
             "steps", (Channel(Stream.SCALE, (2.0**-120, 1e-310, 2.0**96)),),
-            (LayerRow((0,), ((1,),)), LayerRow((0,), ((20,),))), whole, (30,), spread=0, bits=5)),
+            (LayerRow((0,), ((1,),)), LayerRow((0,), ((20,),))), WHOLE, (30,), spread=0, bits=5)),
         "wide-values": ("first values up to 2^31 - 2, alphabets with wide gaps", Plan(
-            "wide", (_SCALE3,), steady(1, 0, (1,)), whole, (30,), spread=715827882, bits=5)),
+            "wide", (SCALE3,), steady(1, 0, (1,)), WHOLE, (30,), spread=715827882, bits=5)),
         "lattice-32": ("32 bits an axis; depth and shift at their bounds", Plan(
-            "lattice", (channel(Stream.POSITION_RESIDUAL, 1 / 3, 3), _SCALE3), (
+            "lattice", (channel(Stream.POSITION_RESIDUAL, 1 / 3, 3), SCALE3), (
                 LayerRow((0,), ((3, 1),)),), (Tile(21, 11, 5), Tile(21, 0, 6), Tile(1, 31, 1), Tile(2, 9, 63)),
             (20, 30, 20, 40), bits=32, origin=(1e6, -1e-3, 0.1), voxel=1e-7)),
         "anchors": ("anchor profile: masks, offsets, two layers, three networks", Plan(
@@ -286,10 +288,10 @@ def static_plans() -> dict[str, tuple[str, Plan]]:
         "anchors-32-slots": ("anchor profile: 32 slots, three layers, the latent by LATENT alone at first", Plan(
             "slots", _ANCHOR_RICH, (
                 LayerRow((0,), ((0, 1, 1, 1),)), LayerRow((0, 1), ((1, 1, 2, 1), (1, 1, 0, 1))),
-                LayerRow((1, 2), ((2, 2, 2, 1), (1, 2, 1, 1)))), whole, (45,), profile=Profile.ANCHOR, slots=32,
+                LayerRow((1, 2), ((2, 2, 2, 1), (1, 2, 1, 1)))), WHOLE, (45,), profile=Profile.ANCHOR, slots=32,
             dimension=3, bits=9)),
         "annotations": ("METADATA, a thumbnail and unknown blocks; two-dimensional Gaussians", Plan(
-            "annotations", (_SCALE3,), steady(2, 0, (1,)), whole, (12,), metadata={
+            "annotations", (SCALE3,), steady(2, 0, (1,)), WHOLE, (12,), metadata={
                 "title": "annotations", "n": [1, 2],
                 "coordinate_reference": {"crs": "EPSG:25832", "origin": [565000.0, 5934000.5, -12]}},
         )),

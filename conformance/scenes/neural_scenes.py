@@ -6,9 +6,12 @@ from dataclasses import replace
 
 from conformance.scenes.made import (
     ANCHOR_CHANNELS,
+    COLOURED,
     EVERY_CHANNEL,
     REFINED_ROWS,
+    SCALE3,
     SPREAD_TILES,
+    WHOLE,
     Plan,
     channel,
 )
@@ -18,9 +21,6 @@ from scarfmt.container.schema import Profile, Stream
 from scarfmt.neural.grid import GridLevel
 from scarfmt.scene.model import DecodedContext, LayerRow
 
-_WHOLE = (Tile(0, 0, 0),)
-_SCALE3 = channel(Stream.SCALE, 0.5, 3)
-_COLOURED = (_SCALE3, channel(Stream.COLOUR, 0.1, 3))
 _ALL_PLANES = tuple(
     GridLevel(plane, resolution, table_log2, features)
     for plane, resolution, table_log2, features in (
@@ -31,7 +31,7 @@ _ALL_PLANES = tuple(
 
 
 def _row(neural: bool, *classes: tuple[int, int]) -> LayerRow:
-    """A row whose classes have (stages, steps of both channels of _COLOURED)."""
+    """A row whose classes have (stages, steps of both channels of COLOURED)."""
     return LayerRow(tuple(s for s, _ in classes), tuple((n, n) for _, n in classes), neural)
 
 
@@ -56,25 +56,25 @@ def _predictor_plans() -> dict[str, tuple[str, Plan]]:
                 _on(Stream.COLOUR, 0, 2, 6, (256, 1)), _on(Stream.COLOUR, 1, 1, 3, (1, 256)),
             ))),
         "predictors-deep": ("8 passes, 4 depths down to single cells, 20 steps of large values, some predicted", Plan(
-            "deep", (_SCALE3,), refined, _WHOLE, (150,), bits=7, spread=300,
+            "deep", (SCALE3,), refined, WHOLE, (150,), bits=7, spread=300,
             context=DecodedContext(3, (65535, 60, 9, 1)),
             predictors=tuple(_on(Stream.SCALE, n % 3, n, n % 4) for n in (1, 3, 4, 7, 18, 20)))),
         "predictors-crowd": ("640 anchors at 8 lattice points: a target met exactly, counts of nine digits", Plan(
-            "crowd", (_SCALE3,), (LayerRow((0,), ((2,),)),), _WHOLE, (640,), codes=8, bits=5, spread=9,
+            "crowd", (SCALE3,), (LayerRow((0,), ((2,),)),), WHOLE, (640,), codes=8, bits=5, spread=9,
             context=DecodedContext(1, (65535, 80)), predictors=(
                 _on(Stream.SCALE, 0, 1, 5, (5, 5)), _on(Stream.SCALE, 2, 2, 5, (5, 5))))),
         "predictors-wide": ("values beyond the range of fine values, hidden units beyond that of activations", Plan(
-            "wide fine", _COLOURED, (_row(False, (0, 2)),), _WHOLE, (50,), bits=5, spread=30000,
+            "wide fine", COLOURED, (_row(False, (0, 2)),), WHOLE, (50,), bits=5, spread=30000,
             context=DecodedContext(1, (30, 6)), predictors=(
                 _on(Stream.SCALE, 1, 1, 4, (6, 6), loudness=2000), _on(Stream.SCALE, 1, 2, 4, (6, 6)),
                 _on(Stream.COLOUR, 0, 1, 4, (6, 6), loudness=2000)))),
         "predictors-alone": ("no depths: contexts from the anchor's own values only; one anchor in a tile, too", Plan(
-            "alone", _COLOURED, (_row(False, (0, 2)),), (Tile(1, 0, 0), Tile(1, 0, 1)), (40, 1), codes=9,
+            "alone", COLOURED, (_row(False, (0, 2)),), (Tile(1, 0, 0), Tile(1, 0, 1)), (40, 1), codes=9,
             context=DecodedContext(1, ()), bits=6, predictors=(
                 _on(Stream.SCALE, 0, 2, 3), _on(Stream.SCALE, 1, 1), _on(Stream.COLOUR, 1, 1, 2),
                 _on(Stream.COLOUR, 2, 2, 3, wide=True)))),
         "predictors-edge": ("accumulators of predictors that reach 2^24 - 1, no more", Plan(
-            "predictors edge", _COLOURED, (_row(False, (0, 2)),), _WHOLE, (60,), bits=6,
+            "predictors edge", COLOURED, (_row(False, (0, 2)),), WHOLE, (60,), bits=6,
             context=DecodedContext(0, (8,)), predictors=(
                 _on(Stream.SCALE, 0, 1, 3, edge=True), _on(Stream.COLOUR, 0, 1),
                 _on(Stream.COLOUR, 1, 2, 0, (16, 16), wide=True, edge=True)))),
@@ -114,41 +114,41 @@ def _network_plans() -> dict[str, tuple[str, Plan]]:
     )
     return {
         "index-flat": ("flat heads, 8 activation bits, no depths, no attention, one pass", Plan(
-            "flat", _COLOURED, flat_rows, _WHOLE, (60,), degree=1, dimension=4,
+            "flat", COLOURED, flat_rows, WHOLE, (60,), degree=1, dimension=4,
             loudness=8, network=NetworkPlan(bits=8, gate=12000))),
         "index-two-level": ("clusters of 1 to 7, attention, two recurrent layers, 12 bits, 4 passes, 8 stages", Plan(
-            "two levels", _COLOURED, deep_rows, SPREAD_TILES, (30, 50, 0, 20), degree=1, dimension=5,
+            "two levels", COLOURED, deep_rows, SPREAD_TILES, (30, 50, 0, 20), degree=1, dimension=5,
             context=DecodedContext(2, (30, 4)), network=NetworkPlan(
                 bits=12, widths=(7, 6, 9), dims=5, layers=2, latents=3, latent_shift=0, loudness=16,
                 clusters=((1, 5, 1, 4, 1), (3, 1, 1, 7)), attention=True, classes=3))),
         "index-attention": ("attention, flat coarse and two-level residual head, 4 layers, 8 passes, 3 depths", Plan(
-            "attention", _COLOURED, deep_rows, _WHOLE, (70,), degree=1, dimension=3, bits=9,
+            "attention", COLOURED, deep_rows, WHOLE, (70,), degree=1, dimension=3, bits=9,
             context=DecodedContext(3, (50, 10, 2)), network=NetworkPlan(
                 bits=9, widths=(3, 5, 4), dims=2, layers=4, latents=1, own=False, clusters=((), (6, 6)),
                 attention=True, classes=0, wide=True))),
         "index-grid": ("hash grid levels of every plane, dense and hashed, in a box smaller than the scene", Plan(
-            "grid", _COLOURED, flat_rows, SPREAD_TILES, (40, 40, 0, 20), degree=1, dimension=4,
+            "grid", COLOURED, flat_rows, SPREAD_TILES, (40, 40, 0, 20), degree=1, dimension=4,
             context=DecodedContext(1, (12,)), network=NetworkPlan(clusters=((6, 6), ())),
             grid=GridPlan((4000, 0, 9001), 15, _ALL_PLANES))),
         "index-grid-small": ("a hash grid in a box of 2^4 lattice steps: fractions shift left; no other input", Plan(
-            "small grid", _COLOURED, (_row(True, (2, 1)),), _WHOLE, (40,), degree=1, dimension=4, bits=5,
+            "small grid", COLOURED, (_row(True, (2, 1)),), WHOLE, (40,), degree=1, dimension=4, bits=5,
             network=NetworkPlan(classes=0, own=False, loudness=16),
             grid=GridPlan((0, 3, 1), 4, _ALL_PLANES[:3]))),
         "index-equal": ("all logits equal; a residual codebook of one codeword: nothing is coded", Plan(
-            "equal", _COLOURED, (_row(True, (2, 1)),), _WHOLE, (50,), degree=1, dimension=2, bits=6,
+            "equal", COLOURED, (_row(True, (2, 1)),), WHOLE, (50,), degree=1, dimension=2, bits=6,
             codewords=(12, 1), context=DecodedContext(0, (6,)),
             network=NetworkPlan(dims=2, logits=(0,) * 12, clusters=((5, 7), ())))),
         "index-ladder": ("distances of logits on both sides of every bound of exp2w", Plan(
-            "ladder", _COLOURED, (_row(True, (2, 1)),), _WHOLE, (50,), degree=1, dimension=2, bits=6,
+            "ladder", COLOURED, (_row(True, (2, 1)),), WHOLE, (50,), degree=1, dimension=2, bits=6,
             network=NetworkPlan(dims=2, logits=(0, -1, -31, -32, -33, -400, -510, -511, -512, -513, -600, -100000)))),
         "index-edge": ("every accumulator reaches 2^24 - 1, recurrent ones 2^23 - 1, no more", Plan(
-            "edge", _COLOURED, (_row(True, (1, 1)), _row(True, (3, 1))), _WHOLE, (50,), degree=1, dimension=3, bits=6,
+            "edge", COLOURED, (_row(True, (1, 1)), _row(True, (3, 1))), WHOLE, (50,), degree=1, dimension=3, bits=6,
             context=DecodedContext(0, (6,)), network=NetworkPlan(
                 bits=11, layers=2, attention=True, edge=True, clusters=((), (2, 10)), classes=1))),
         "index-modes": ("entropy modes 0, 1, 0, 1: states run over stages that tables coded; predictors beside", Plan(
-            "modes", _COLOURED, (
+            "modes", COLOURED, (
                 _row(False, (1, 1)), _row(True, (2, 2)), _row(False, (3, 2)), _row(True, (5, 3), (1, 1))),
-            _WHOLE, (60,), degree=1, dimension=4, bits=8, context=DecodedContext(1, (20, 3)),
+            WHOLE, (60,), degree=1, dimension=4, bits=8, context=DecodedContext(1, (20, 3)),
             predictors=(PredictorPlan(Stream.SCALE, 1, 2, 3), PredictorPlan(Stream.COLOUR, 0, 3, 3)),
             network=NetworkPlan(latents=4, latent_shift=0, loudness=8, attention=True, tokens=7))),
         "anchors-neural": ("anchor profile: predictors, index network with attention and hash grid", Plan(

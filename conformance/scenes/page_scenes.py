@@ -5,18 +5,16 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import replace
 
-from conformance.scenes.cases import Case
+from conformance.scenes.cases import Case, edge
 from conformance.scenes.container_scenes import many_pages_file, many_pages_scene, paged_file, paged_scene
-from conformance.scenes.made import Plan, build, channel, steady
+from conformance.scenes.made import SCALE3, Plan, build, steady
 from conformance.scenes.neural_scenes import neural_plans
 from conformance.writer.file import write_file
 from conformance.writer.options import WriteOptions
 from scarfmt.coding.writer import QuantisedScene
 from scarfmt.container.file import Tile
-from scarfmt.container.schema import Stream
 
 _DEEPEST, _LATTICE = 21, 32
-_SCALE = channel(Stream.SCALE, 0.5, 3)
 _BASES = "R-5.5-7", "R-5.4-11"
 _LENGTHS = "R-5.4-12", "R-5.4-15"
 
@@ -36,33 +34,25 @@ def page_cases() -> Iterator[Case]:
     """Vectors of the class ``edge``."""
     tiles = "seven tiles in pages of"
     for bits, what in ((0, "one"), (2, "four"), (16, "65536")):
-        yield _case(f"pages-{1 << bits}", f"{tiles} {what}: one page has no blocks, layers have none of another",
-                    paged_scene(), bits, _BASES)
+        yield edge(f"pages-{1 << bits}", f"{tiles} {what}: one page has no blocks, layers have none of another",
+                   paged_scene(), _BASES, WriteOptions(page_bits=bits))
     full, last = climbing(), paged_scene()
     for bits in (0, 2):
-        yield _case(f"tile-depths-{1 << bits}", f"tiles of every depth beside each other, from 0 to 2^63; pages of "
-                    f"{1 << bits}", full, bits, ("R-5.5-6", *_BASES))
-    yield _case("tiles-floor", "tiles that begin as soon as their depth lets them, after deeper and shallower ones",
-                stairs(), 1, ("R-5.5-6", *_BASES))
-    yield _case("pages-empty-blocks", "a TILE block for every tile and layer, also where it says nothing", last, 1,
-                _LENGTHS, WriteOptions(page_bits=1, empty_tiles=True))
+        yield edge(f"tile-depths-{1 << bits}", f"tiles of every depth beside each other, from 0 to 2^63; pages of "
+                   f"{1 << bits}", full, ("R-5.5-6", *_BASES), WriteOptions(page_bits=bits))
+    yield edge("tiles-floor", "tiles that begin as soon as their depth lets them, after deeper and shallower ones",
+               stairs(), ("R-5.5-6", *_BASES), WriteOptions(page_bits=1))
+    yield edge("pages-empty-blocks", "a TILE block for every tile and layer, also where it says nothing", last,
+               _LENGTHS, WriteOptions(page_bits=1, empty_tiles=True))
     yield Case("edge/pages-300", "300 pages of one tile, each with a TILE block of five bytes", many_pages_file(300),
                _LENGTHS, ("several-pages",), many_pages_scene(300))
-
-
-def _case(
-    name: str, purpose: str, scene: QuantisedScene, bits: int, rules: tuple[str, ...],
-    options: WriteOptions | None = None,
-) -> Case:
-    data = write_file(scene, options or WriteOptions(page_bits=bits))
-    return Case(f"edge/{name}", purpose, data, rules, scene=scene)
 
 
 def _placed(seed: str, cubes: list[tuple[int, int]], counts: tuple[int, ...]) -> QuantisedScene:
     """A scene of tiles of these depths and prefixes, as many local bits as fit, so many anchors in turn."""
     tiles = tuple(Tile(depth, max(_LATTICE - depth - 21, depth // 2), prefix) for depth, prefix in cubes)
     held = tuple(counts[number % len(counts)] for number in range(len(tiles)))
-    return build(Plan(f"pages {seed}", (_SCALE,), steady(2, 0, (1,)), tiles, held, bits=_LATTICE, spread=1))
+    return build(Plan(f"pages {seed}", (SCALE3,), steady(2, 0, (1,)), tiles, held, bits=_LATTICE, spread=1))
 
 
 def climbing() -> QuantisedScene:

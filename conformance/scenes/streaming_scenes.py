@@ -8,7 +8,7 @@ from functools import cache
 
 import numpy as np
 
-from conformance.scenes.cases import Case
+from conformance.scenes.cases import Case, edge
 from conformance.scenes.container_scenes import anchor_scene, plain_scene
 from conformance.scenes.made import build, static_plans
 from conformance.scenes.prng import Prng
@@ -40,14 +40,13 @@ def streaming_file() -> bytes:
 
 def streaming_cases() -> Iterator[Case]:
     """Vectors of the class ``edge``: what the block may hold, and where it may not matter."""
-    yield _edge("least", "no view: boxes alone", replace(plain_scene(), streaming=random_boxes("least", 3)))
+    rules = ("R-7.13-1",)
+    least = replace(plain_scene(), streaming=random_boxes("least", 3))
+    yield edge("streaming-least", "no view: boxes alone", least, rules)
     empty = build(static_plans()["no-anchors"][1])
-    yield _edge("no-tiles", "a file without tiles", replace(empty, streaming=random_boxes("empty", 0)))
+    none = replace(empty, streaming=random_boxes("empty", 0))
+    yield edge("streaming-no-tiles", "a file without tiles", none, rules)
     numbers = random_boxes("numbers", 1, replace(_VIEW, fov=float(np.float32(3.1415925))))
     numbers.low[:], numbers.high[:] = ((0, 128, 255),), ((255, 128, 255),)
-    yield _edge("numbers", "numbers at the ends of their ranges; anchor profile",
-                replace(anchor_scene(), streaming=numbers))
-
-
-def _edge(name: str, purpose: str, scene: QuantisedScene) -> Case:
-    return Case(f"edge/streaming-{name}", purpose, write_file(scene), ("R-7.13-1",), scene=scene)
+    yield edge("streaming-numbers", "numbers at the ends of their ranges; anchor profile",
+               replace(anchor_scene(), streaming=numbers), rules)
