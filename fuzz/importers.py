@@ -42,21 +42,8 @@ _VALUES: tuple[Any, ...] = (
     "", "\0", "\ud800", "x" * 300, "../x", "/", ".", "a/b", "data:,", "\x1b[31m", [], {}, [[]], {"a": {}}, [0] * 40,
     float("inf"), float("nan"),
 )  # fmt: skip
-_WORDS = (
-    b"0",
-    b"-1",
-    b"1",
-    b"2",
-    b"65536",
-    b"4294967296",
-    b"1e9",
-    b"",
-    b"\xff",
-    b"list",
-    b"float",
-    b"double",
-    b"uchar",
-)
+_WORDS = (b"0", b"-1", b"1", b"2", b"65536", b"4294967296", b"1e9", b"", b"\xff", *b"list float double uchar".split())
+_OPCODES = b"(N}])t\x85\x86RbsuQ\x93"
 _DEEP = 200
 
 
@@ -119,9 +106,7 @@ def change_npy(data: bytes, dice: Random) -> bytes:
     """A number or a mark of the header of a `.npy`."""
     head, body = data[:128], data[128:]
     word = dice.choice(list(re.finditer(rb"[0-9]+|[<>|=][a-z]|True|False", head)))
-    new = dice.choice(
-        (b"0", b"-1", b"1", b"3", b"99999999999", b"<f8", b"|O", b">f4", b"True", b"None", b"(1,)", b"<U9")
-    )
+    new = dice.choice(b"0 -1 1 3 99999999999 <f8 |O >f4 True None (1,) <U9".split())
     return (head[: word.start()] + new + head[word.end() :])[:127].ljust(127) + b"\n" + body
 
 
@@ -131,19 +116,9 @@ def change_pickle(data: bytes, dice: Random) -> bytes:
     pieces = [data[a:b] for a, b in zip(starts, [*starts[1:], len(data)], strict=True)]
     for _ in range(dice.choice((1, 1, 2, 3, 6))):
         at = dice.randrange(len(pieces))
-        new = dice.choice(
-            (
-                dice.choice(pieces),
-                dice.choice(
-                    (b"(", b"N", b"}", b"]", b")", b"t", b"\x85", b"\x86", b"R", b"b", b"s", b"u", b"Q", b"\x93")
-                ),
-                b"h" + dice.randbytes(1),
-                b"K" + dice.randbytes(1),
-                b"\x8a\x08" + dice.randbytes(8),
-                b"X\x03\0\0\0a\xed\x9f",
-                b"G" + struct.pack(">d", 1e308),
-            )
-        )
+        opcode = dice.choice(pieces), bytes([dice.choice(_OPCODES)])
+        short = b"h" + dice.randbytes(1), b"K" + dice.randbytes(1), b"\x8a\x08" + dice.randbytes(8)
+        new = dice.choice((*opcode, *short, b"X\x03\0\0\0a\xed\x9f", b"G" + struct.pack(">d", 1e308)))
         pieces[at : at + 1] = dice.choice(([], [new], [new], [pieces[at], new], [pieces[at]] * 2, [new, pieces[at]]))
         pieces = pieces or [b"."]
     return b"".join(pieces)
@@ -165,22 +140,16 @@ def checkpoint() -> Files:
     slots, width = anchor_arrays()["offset"].shape[1], anchor_arrays()["feat"].shape[1]
     names = ["x", "y", "z", *(f"f_anchor_feat_{n}" for n in range(width)), *(f"f_offset_{n}" for n in range(3 * slots))]
     names += [f"scale_{axis}" for axis in range(6)]
-    lines = [
-        "ply",
-        "format binary_little_endian 1.0",
-        "element vertex 5",
-        *(f"property float {name}" for name in names),
-    ]
-    points = "\n".join([*lines, "end_header\n"]).encode() + np.ones((5, len(names)), "<f4").tobytes()
+    properties = "".join(f"property float {name}\n" for name in names)
+    head_of_points = f"ply\nformat binary_little_endian 1.0\nelement vertex 5\n{properties}end_header\n"
+    points = head_of_points.encode() + np.ones((5, len(names)), "<f4").tobytes()
     return {"point_cloud.ply": points, "archive/data.pkl": head + b"u.", **storages}
 
 
 def _op(value: str | int) -> bytes:
-    return pickle.dumps(value, 2)[2:].partition(b"q\0")[0].rstrip(b".") if isinstance(value, str) else _number(value)
-
-
-def _number(value: int) -> bytes:
-    return b"J" + struct.pack("<i", value)
+    if isinstance(value, int):
+        return b"J" + struct.pack("<i", value)
+    return pickle.dumps(value, 2)[2:].partition(b"q\0")[0].rstrip(b".")
 
 
 _DOCUMENT, _BUFFER = gltf_document()
@@ -244,9 +213,8 @@ def _npz(dice: Random) -> Callable[[], object]:
 def _archive(dice: Random) -> Callable[[], object]:
     """A directory of a ZIP that lies."""
     name, files = dice.choice((("sog", _SOG), ("anchor-npz", _NPZ)))
-    return partial(
-        load, change_bytes(zipped(files, dice.choice((zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED))), dice), format=name
-    )
+    archive = zipped(files, dice.choice((zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)))
+    return partial(load, change_bytes(archive, dice), format=name)
 
 
 def _spz(dice: Random) -> Callable[[], object]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import re
 from typing import Any
 
 from conformance.decoders.python.answers import EXACT, Answers, Array, pin
@@ -60,16 +61,13 @@ def expectation(case: Case) -> tuple[dict[str, Any], Extra]:
         "purpose": case.purpose,
         "profile": profile,
         "features": sorted(features),
-        "rules": sorted(rules, key=_rule_order),
+        "rules": sorted(rules, key=lambda rule: [int(part) for part in re.split("[-.]", rule)[1:]]),
         "file": {"bytes": len(case.data), "sha256": hashlib.sha256(case.data).hexdigest()},
     }
     if case.extend_to:
         out["extend_to"] = case.extend_to
-    return {**out, "result": case.result, **_refusals(case), **_origin(case), **decoded}, extra
-
-
-def _rule_order(rule: str) -> tuple[int, ...]:
-    return tuple(int(part) for part in rule.removeprefix("R-").replace("-", ".").split("."))
+    origin = {} if case.origin is None else {"from": case.origin, "to_layer": case.layers}
+    return {**out, "result": case.result, **_refusals(case), **origin, **decoded}, extra
 
 
 def _refusals(case: Case) -> dict[str, Any]:
@@ -78,10 +76,6 @@ def _refusals(case: Case) -> dict[str, Any]:
         offsets = {} if place is None else {"offsets": interval(case.data, place)}
         return {"refusal": case.refusals[0], "stage": case.stage, **offsets}
     return {"refusals": list(case.refusals)} if case.result == "either" else {}
-
-
-def _origin(case: Case) -> dict[str, Any]:
-    return {} if case.origin is None else {"from": case.origin, "to_layer": case.layers}
 
 
 def _decoded(case: Case, scene: QuantisedScene) -> tuple[dict[str, Any], Extra, set[str]]:
@@ -101,19 +95,15 @@ def _decoded(case: Case, scene: QuantisedScene) -> tuple[dict[str, Any], Extra, 
     layers[-1]["stages"] = {"container": {"container": container_fields(case.data, _ANY)}, **stages}
     extra: Extra = {}
     camera: dict[str, Any] = {}
-    if vector_class(case.id) in ("valid", "edge") and _small(scene, answers[-1].n):
-        camera = _camera(case, scene)
+    anchors = answers[-1].n
+    small = anchors <= ACTIVATED_ANCHORS and anchors * scene.model.slots <= ACTIVATED_SLOTS
+    if vector_class(case.id) in ("valid", "edge") and small:
+        if scene.fields.profile == Profile.ANCHOR:
+            camera = {"camera": list(case.camera or scene.fields.origin)}
         made, extra = _activated(activated(scene, decoded_arrays(answers[-1]), camera.get("camera")), len(layers))
         layers[-1]["stages"]["activated"] = made
         features |= _activated_features(features)
     return {**camera, "layers": layers, **_metadata(case), **_streaming(case)}, extra, features
-
-
-def _camera(case: Case, scene: QuantisedScene) -> dict[str, Any]:
-    """``camera``, where activated values depend on it: in the anchor profile."""
-    if scene.fields.profile != Profile.ANCHOR:
-        return {}
-    return {"camera": list(case.camera or scene.fields.origin)}
 
 
 def _agree(id_: str, found: dict[str, dict[str, Any]], arrays: Arrays) -> None:
@@ -123,10 +113,6 @@ def _agree(id_: str, found: dict[str, dict[str, Any]], arrays: Arrays) -> None:
     if read != held:
         wrong = sorted(name for name in {*read, *held} if read.get(name) != held.get(name))
         raise RuntimeError(f"{id_}: the readable decoder gets other {', '.join(wrong)} than the scene has")
-
-
-def _small(scene: QuantisedScene, anchors: int) -> bool:
-    return anchors <= ACTIVATED_ANCHORS and anchors * scene.model.slots <= ACTIVATED_SLOTS
 
 
 def _activated(made: dict[str, Activated], layer: int) -> tuple[dict[str, Any], Extra]:

@@ -6,10 +6,9 @@ from collections.abc import Callable, Iterator
 from functools import partial
 
 from conformance.decoders.python.fields import key
-from conformance.faults.table_records import with_tables
 from conformance.scenes.cases import Fault
 from conformance.surgery.edit import append, numbered
-from conformance.surgery.files import changed, renumbered
+from conformance.surgery.files import changed, renumbered, with_tables
 from conformance.writer.numbers import Number
 from conformance.writer.tables import Record
 from scarfmt.container.schema import BlockKind, Stream

@@ -12,12 +12,20 @@ from dataclasses import replace
 import numpy as np
 
 from conformance.decoders.python.fields import key
-from conformance.faults.table_records import Records, valued, with_tables
 from conformance.scenes.cases import Case, Fault, refused
 from conformance.scenes.made import Plan, build, channel
 from conformance.scenes.neural_models import PredictorPlan
 from conformance.surgery.edit import replaced
-from conformance.surgery.files import blocks_of, layer_counts_of, rebuilt, tile_parts, with_substream
+from conformance.surgery.files import (
+    Records,
+    blocks_of,
+    layer_counts_of,
+    rebuilt,
+    tile_parts,
+    valued,
+    with_substream,
+    with_tables,
+)
 from conformance.surgery.parts import flipped
 from conformance.writer.file import write_file
 from conformance.writer.tables import Record

@@ -74,20 +74,6 @@ MACHINES = (
 )
 
 
-def require(programs: Sequence[str]) -> None:
-    """Check that programs exist.
-
-    Raises:
-        Unavailable: one does not.
-    """
-    missing = [program for program in programs if shutil.which(program) is None]
-    if missing:
-        raise Unavailable(
-            f"there is no {', '.join(missing)}: apt-get install qemu-user "
-            "gcc-s390x-linux-gnu libc6-dev-s390x-cross gcc-aarch64-linux-gnu libc6-dev-arm64-cross"
-        )
-
-
 @dataclass(frozen=True)
 class System:
     """An unpacked system.
@@ -134,7 +120,13 @@ def make_system(machine: Machine, folder: Path) -> System:
         Unavailable: a program is missing.
         subprocess.CalledProcessError: apt, dpkg-deb or the compiler failed.
     """
-    require([machine.qemu[0], machine.compiler, "apt-get", "dpkg-deb"])
+    programs = [machine.qemu[0], machine.compiler, "apt-get", "dpkg-deb"]
+    missing = [program for program in programs if shutil.which(program) is None]
+    if missing:
+        raise Unavailable(
+            f"there is no {', '.join(missing)}: apt-get install qemu-user "
+            "gcc-s390x-linux-gnu libc6-dev-s390x-cross gcc-aarch64-linux-gnu libc6-dev-arm64-cross"
+        )
     system = System(machine, folder / machine.name)
     if not (system.root / "usr/bin/python3").exists():
         _unpack(system, _packages(machine, system.folder / "apt"))

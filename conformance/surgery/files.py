@@ -7,10 +7,13 @@ from dataclasses import replace
 from typing import Any
 
 from conformance.decoders.python.front import NO_TILE, Root, read_entries
+from conformance.decoders.python.models import parse_tables
+from conformance.decoders.python.numbers import Numbers
 from conformance.spec.spec_text import size_of
 from conformance.surgery.parts import substreams, taken_apart, unpack
 from conformance.writer.file import Counts, count_rows, write_blocks
 from conformance.writer.numbers import Number, numbers_block
+from conformance.writer.tables import Record, table_numbers
 from scarfmt.blocks.declare import NumberRecord, Scope
 from scarfmt.blocks.registry import BLOCKS
 from scarfmt.container.file import Block
@@ -105,6 +108,26 @@ def numbers_of(payload: bytes, kind: int) -> list[Number]:
     reader = NumberRecorder(payload)
     reader.read_all(kind)
     return reader.read
+
+
+Records = list[Record]
+"""The records of a block, by ascending key if it is sound."""
+
+
+def with_tables(data: bytes, layer: int, change: Callable[[Records], Records]) -> bytes:
+    """The file with other tables in `layer`, the directory's count right; something must change."""
+    payload = block_of(data, BlockKind.TABLES, layer).payload
+    before = [Record(key, *table) for key, table in parse_tables(Numbers(payload)).items()]
+    after = change(before)
+    assert after != before
+    made = numbers_block(table_numbers(after))
+    return changed(data, BlockKind.TABLES, layer, lambda _: made, len(after) - len(before))
+
+
+def valued(record: Record, old: int, new: int) -> Record:
+    """The record with a value of its alphabet changed."""
+    assert old in record.values
+    return record._replace(values=[new if value == old else value for value in record.values])
 
 
 def with_substream(data: bytes, layer: int, stream: Stream, change: Callable[[bytes], bytes]) -> bytes:
