@@ -12,7 +12,7 @@ Number = tuple[tuple[Any, ...], int]
 
 
 class _Writer(NumberWriter):
-    """Writes a number above `LARGEST` as 2^32 - 1, whose prefix is longer than any may be."""
+    """Writes a number above `LARGEST` as 2^32 - 1, whose prefix is longer than any may be (R-8.5-1)."""
 
     def number(self, name: Hashable, value: int) -> None:
         if value <= LARGEST:

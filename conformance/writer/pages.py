@@ -15,7 +15,7 @@ from scarfmt.container.bytefields import unsigned_varint as varint
 
 DEEPEST = 21
 PAGE_BITS = 10
-"""The value that encoders should write."""
+"""The value that encoders should write (R-5.4-18)."""
 TILE = 16
 
 Cube = tuple[int, int, int]

@@ -68,7 +68,11 @@ def _texts(row: dict[str, int]) -> dict[str, str]:
 
 
 def annotation(data: bytes, kind: str, most: int = EXACT, limits: Limits = LIMITS) -> bytes | None:
-    """The block of a kind in layer 1 that belongs to no tile, of so many bytes at most; None if there is none."""
+    """The block of a kind in layer 1 that belongs to no tile, where METADATA (R-5.4-6) and STREAMING (R-7.13-2) stand.
+
+    Raises:
+        Refused: it has more bytes than `most`, or another CRC; what :func:`container_fields` raises.
+    """
     for entry in container_fields(data, limits)["entries"]:
         if (entry["kind"], entry["layer"], entry["tile"]) == (kind, "1", str(NO_TILE)):
             start, length = int(entry["offset"]), int(entry["length"])
