@@ -3,7 +3,7 @@
     python -m benchmarks.child '{"job": "encode", "scene": "flowers", "options": {"quality": 45}, "out": "f.scar"}'
     python -m benchmarks.child '{"job": "decode", "file": "f.scar", "threads": 2}'
 
-A job called MODULE:FUNCTION is that function, given the whole job.
+A job NAME is the function NAME_job here, MODULE:FUNCTION that one; it is given the whole job.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ def run(environment: Mapping[str, str] | None = None, **job: Any) -> dict[str, A
 
     Args:
         environment: variables to set or change.
-        job: see `JOBS`.
+        job: ``job``, which names it, and what it takes.
 
     Returns:
         What the job reports, with ``peak_bytes`` of that process.
@@ -173,26 +173,12 @@ def inspect_job(job: Job) -> dict[str, Any]:
         return {"seconds": time.perf_counter() - start, "bytes_read": source.bytes_read, "reads": source.reads}
 
 
-JOBS: dict[str, Callable[[Job], dict[str, Any]]] = {
-    "encode": encode_job,
-    "decode": decode_job,
-    "export": export_job,
-    "inspect": inspect_job,
-}
-
-
-def _find_job(name: str) -> Callable[[Job], dict[str, Any]]:
-    if ":" not in name:
-        return JOBS[name]
-    module, function = name.split(":")
-    found: Callable[[Job], dict[str, Any]] = getattr(import_module(module), function)
-    return found
-
-
 def main() -> None:
     """Do the job given as the only argument."""
     job = json.loads(sys.argv[1])
-    print(json.dumps({**_find_job(job["job"])(job), "peak_bytes": peak_bytes()}))
+    module, _, name = job["job"].rpartition(":")
+    act = getattr(import_module(module), name) if module else globals()[f"{name}_job"]
+    print(json.dumps({**act(job), "peak_bytes": peak_bytes()}))
 
 
 if __name__ == "__main__":

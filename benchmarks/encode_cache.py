@@ -26,7 +26,7 @@ DRAWING = (
 """Source files that decide how far a picture of a scene file is from another."""
 ENCODER = ("reference_encoder", "scarfmt")
 """Packages whose source decides what a file holds."""
-_NOT_ENCODER = ("scarfmt/cli", "conformance/suite/scarfmt_conformance", "fuzz/testing")
+_NOT_ENCODER = "scarfmt/cli"
 _SOURCE = {".py", ".c", ".h"}
 _COMPUTES = ("numpy",)
 _DIGITS = 12
@@ -34,7 +34,7 @@ _DIGITS = 12
 
 @lru_cache
 def source_key(packages: tuple[str, ...] = ENCODER) -> str:
-    """Hex digits that change with any source file of `packages`; the command line and test helpers do not count.
+    """Hex digits that change with any source file of `packages`; the command line does not count.
 
     Args:
         packages: folders, or single files, in the repository.

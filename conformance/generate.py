@@ -29,7 +29,7 @@ from conformance.faults.either_cases import either_cases
 from conformance.faults.limit_faults import limit_faults
 from conformance.faults.metadata_faults import metadata_faults
 from conformance.faults.stream_faults import stream_faults
-from conformance.faults.streaming_faults import streaming_either, streaming_faults
+from conformance.faults.streaming_faults import streaming_faults
 from conformance.faults.truncated_cases import truncated_cases
 from conformance.faults.work_cases import work_cases
 from conformance.scenes.cases import Case
@@ -67,16 +67,14 @@ def _all_cases() -> Iterator[Case]:
     yield from streaming_cases()
     by_name = named(valid)
     files = {name: (case.data, case.scene) for name, case in by_name.items() if case.scene is not None}
-    plain = {name: data for name, (data, _) in files.items()}
     yield from invalid_files(files)
-    yield from container_faults(plain)
+    yield from container_faults()
     yield from stream_faults(files)
     yield from limit_faults()
     yield from metadata_faults()
     yield from streaming_faults()
     yield from work_cases()
     yield from either_cases(files)
-    yield from streaming_either()
     yield from (with_origin(case, by_name) for case in truncated_cases(files))
 
 

@@ -67,9 +67,10 @@ def streaming_faults() -> Iterator[Case]:
         yield refused(f"streaming-{name}", purpose, rule, refusal, data, "streaming")
     wrong = broken(streaming_file(), entry_with(_STREAMING, crc32=0))
     yield refused("streaming-crc", "STREAMING whose CRC says 0", "R-5.6-1", "crc-mismatch", wrong, "streaming")
+    yield from _either()
 
 
-def streaming_either() -> Iterator[Case]:
+def _either() -> Iterator[Case]:
     """Faults that only a validator sees: blocks where none belongs, a count, and content that no decoder must read."""
     plain, boxes, scene = plain_file(), streaming_scene().streaming, replace(plain_scene(), streaming=None)
     assert boxes is not None

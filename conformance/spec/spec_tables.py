@@ -20,9 +20,8 @@ from scarfmt_conformance.archive import read
 from conformance.decoders.python.decoder import Decoder
 from conformance.decoders.python.work import Work
 from conformance.spec.spec_text import NEURAL, SPEC
-from conformance.spec.worked import rans_text, value_text, worked_file
+from conformance.spec.worked import rans_text, tour_text, value_text, worked_file
 from conformance.spec.worked_network import evaluation_rows, network_rows, table_text
-from conformance.spec.worked_tour import tour_text
 from scarfmt.blocks.codebooks import CODEBOOKS
 from scarfmt.blocks.declare import Record
 from scarfmt.blocks.hash_grid import HASH_GRID

@@ -66,14 +66,9 @@ def members(folder: Path) -> dict[str, bytes]:
     """Every file in the archives of a folder, by its path below the folder."""
     found: dict[str, bytes] = {}
     for path in archives(folder):
-        found |= read_zip(path)
+        with zipfile.ZipFile(path) as archive:
+            found |= {name: archive.read(name) for name in archive.namelist()}
     return found
-
-
-def read_zip(path: Path) -> dict[str, bytes]:
-    """The members of a zip, by name."""
-    with zipfile.ZipFile(path) as archive:
-        return {name: archive.read(name) for name in archive.namelist()}
 
 
 def write_zip(target: Path, files: Mapping[str, bytes], compressed: bool = False) -> None:
