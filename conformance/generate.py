@@ -35,7 +35,7 @@ from conformance.faults.work_cases import work_cases
 from conformance.scenes.cases import Case
 from conformance.scenes.edge_scenes import edge_cases
 from conformance.scenes.streaming_scenes import streaming_cases
-from conformance.scenes.valid_cases import named, valid_cases, with_origin
+from conformance.scenes.valid_cases import valid_cases
 
 ROOT = Path(__file__).resolve().parent
 VECTORS = ROOT / FOLDER
@@ -65,8 +65,7 @@ def _all_cases() -> Iterator[Case]:
     yield from valid
     yield from edge_cases()
     yield from streaming_cases()
-    by_name = named(valid)
-    files = {name: (case.data, case.scene) for name, case in by_name.items() if case.scene is not None}
+    files = {case.id.rpartition("/")[2]: (case.data, case.scene) for case in valid if case.scene is not None}
     yield from invalid_files(files)
     yield from container_faults()
     yield from stream_faults(files)
@@ -75,7 +74,7 @@ def _all_cases() -> Iterator[Case]:
     yield from streaming_faults()
     yield from work_cases()
     yield from either_cases(files)
-    yield from (with_origin(case, by_name) for case in truncated_cases(files))
+    yield from truncated_cases(files)
 
 
 def vector_files(case: Case) -> tuple[dict[str, Any], Files]:

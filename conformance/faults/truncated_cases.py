@@ -7,6 +7,7 @@ from collections.abc import Iterator, Mapping
 from conformance.faults.limit_faults import long_last_block
 from conformance.scenes.cases import Case
 from conformance.scenes.container_scenes import paged_file
+from conformance.scenes.valid_cases import vector_id
 from conformance.spec.spec_text import size_of
 from conformance.surgery.parts import Parts, broken, remade, taken_apart
 from scarfmt.coding.writer import QuantisedScene
@@ -50,7 +51,7 @@ def truncated_cases(files: Mapping[str, tuple[bytes, QuantisedScene]]) -> Iterat
         for layers in numbers:
             purpose = f"{name} truncated to layer {layers}: equals what an editor makes of it (SPEC §14)"
             yield Case(f"truncated/{name}-{layers}", purpose, cut_to_layers(whole, layers), ("R-14-1", "R-14-2"),
-                       scene=scene, layers=layers, origin=f"valid/{name}")
+                       scene=scene, layers=layers, origin=vector_id(name))
     yield from _later_faults(*files["explicit-refined"])
     yield from _short_files(paged_file())
 

@@ -48,15 +48,13 @@ class Machine:
     """A processor.
 
     Attributes:
-        name: as the results name it.
-        debian: architecture of Debian's packages.
+        name: architecture of Debian's packages.
         triplet: of its compiler, and of the folder of its libraries.
         byteorder: ``little`` or ``big``, as Python names it.
         qemu: the emulator and its options.
     """
 
     name: str
-    debian: str
     triplet: str
     byteorder: str
     qemu: tuple[str, ...]
@@ -68,9 +66,9 @@ class Machine:
 
 
 MACHINES = (
-    Machine("s390x", "s390x", "s390x-linux-gnu", "big", ("qemu-s390x",)),
+    Machine("s390x", "s390x-linux-gnu", "big", ("qemu-s390x",)),
     # Pointer authentication of the default processor takes minutes where this one takes seconds.
-    Machine("arm64", "arm64", "aarch64-linux-gnu", "little", ("qemu-aarch64", "-cpu", "cortex-a72")),
+    Machine("arm64", "aarch64-linux-gnu", "little", ("qemu-aarch64", "-cpu", "cortex-a72")),
 )
 
 
@@ -140,7 +138,7 @@ def _packages(machine: Machine, folder: Path) -> list[Path]:
     for name in ("state/lists/partial", "cache/archives/partial"):
         (folder / name).mkdir(parents=True, exist_ok=True)
     (folder / "status").touch()
-    (folder / "apt.conf").write_text(_APT.format(folder=folder, debian=machine.debian))
+    (folder / "apt.conf").write_text(_APT.format(folder=folder, debian=machine.name))
     (folder / "sources.list").write_text(f"deb [signed-by={KEYRING}] {MIRROR} {SUITE} main\n")
     environment = {**os.environ, "APT_CONFIG": str(folder / "apt.conf")}
     for words in (["update"], ["install", "--yes", "--download-only", *PACKAGES]):

@@ -40,25 +40,17 @@ def valid_cases() -> Iterator[Case]:
     worked = worked_scene()
     yield Case("worked", "the worked file of SPEC.md, §4.2", write_file(worked), scene=worked)
     for name, (purpose, plan) in {**static_plans(), **neural_plans()}.items():
-        id_ = f"{'edge' if name in EDGES else 'valid'}/{name}"
         scene = build(plan)
         options = WriteOptions()
         if name == "annotations":
             scene = replace(scene, fields=replace(scene.fields, render_model=RenderModel.TWO_DIMENSIONAL))
             options = WriteOptions(blocks=_ANNOTATIONS)
-        yield Case(id_, purpose, write_file(scene, options), scene=scene)
+        yield Case(vector_id(name), purpose, write_file(scene, options), scene=scene)
     yield from paged_cases()
     purpose = "STREAMING: a view, boxes of three tiles"
     yield Case("valid/streaming", purpose, streaming_file(), ("R-7.13-1",), scene=streaming_scene())
 
 
-def named(cases: list[Case]) -> dict[str, Case]:
-    """Cases by their name, without the class."""
-    return {case.id.rpartition("/")[2]: case for case in cases}
-
-
-def with_origin(case: Case, valid: dict[str, Case]) -> Case:
-    """The case, its origin found in whichever class that vector is."""
-    if case.origin is None:
-        return case
-    return replace(case, origin=valid[case.origin.rpartition("/")[2]].id)
+def vector_id(name: str) -> str:
+    """The id of a vector of these, by its name without the class."""
+    return f"{'edge' if name in EDGES else 'valid'}/{name}"

@@ -111,7 +111,7 @@ def numbers_of(payload: bytes, kind: int) -> list[Number]:
 
 
 Records = list[Record]
-"""The records of a block, by ascending key if it is sound."""
+"""The records of a TABLES block (SPEC §8.3), by ascending key if it is sound."""
 
 
 def with_tables(data: bytes, layer: int, change: Callable[[Records], Records]) -> bytes:

@@ -1,4 +1,4 @@
-"""Whole files from scenes, and from blocks.
+"""Whole files from scenes, and from blocks (SPEC §5).
 
 Models are packed, and symbols recorded and coded, by the package's writer; which tables are sent, ROOT and pages are
 chosen and packed here. That a file says what its scene holds is the readable decoder's to find
