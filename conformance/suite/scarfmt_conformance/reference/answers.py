@@ -93,7 +93,6 @@ def _stages(reader: SceneReader, layers: int, stage: str, manner: Manner) -> Ite
     from scarfmt.blocks.metadata import read_metadata
     from scarfmt.blocks.streaming import read_streaming
     from scarfmt_conformance.reference import stages as of
-    from scarfmt_conformance.reference.activated import activated_arrays
 
     if stage == METADATA:
         yield stage, {stage: read_metadata(reader.container)}
@@ -118,7 +117,7 @@ def _stages(reader: SceneReader, layers: int, stage: str, manner: Manner) -> Ite
         if name in wanted:
             yield name, hashed(arrays(found))
     if "activated" in wanted:
-        yield "activated", encoded(activated_arrays(found.decoded, np.float64, manner.camera))
+        yield "activated", encoded(of.activated_arrays(found.decoded, np.float64, manner.camera))
 
 
 def _little(array: NDArray[Any]) -> NDArray[Any]:
