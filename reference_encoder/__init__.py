@@ -6,8 +6,7 @@
     rdo              lattice, classes, rate-distortion curves, layers, allocation
     judge            pictures of what was decided, the quality they have, and rate control
     streaming_block  boxes of tiles, and the opening view
-    opening_view     the view that a file opens with
-    thumbnail        a small picture of it
+    opening_view     the view that a file opens with, and a small picture of it
     options          what a user can ask for, and what efforts switch on
     tuning           every measured number, with the decision that has it
     out_of_core      scenes larger than memory, range by range

@@ -22,11 +22,11 @@ from typing import Any
 
 import numpy as np
 
+from reference_encoder.importance.view_sampling import ViewSet
 from reference_encoder.judge.quality import Judge, Quality
-from reference_encoder.judge.rate_control import RateControl
+from reference_encoder.judge.rate_control import converge
 from reference_encoder.judge.reconstruct import PreviewScene
-from reference_encoder.judge.views import ViewSet
-from reference_encoder.opening_view import find_opening_view
+from reference_encoder.opening_view import find_opening_view, thumbnail_blocks
 from reference_encoder.options import EncodeOptions
 from reference_encoder.profiles.anchors import AnchorProfile
 from reference_encoder.profiles.explicit import ExplicitProfile
@@ -46,7 +46,6 @@ from reference_encoder.rdo.layers import (
 )
 from reference_encoder.rdo.rdo_input import RdoInput
 from reference_encoder.streaming_block import build_streaming_block
-from reference_encoder.thumbnail import thumbnail_blocks
 from reference_encoder.tuning import FIRST_CAP_DB, FIRST_VIEWS, LATER_VIEWS
 from scarfmt.coding.writer import QuantisedScene, Report, assemble_file, code_blocks, silent
 from scarfmt.errors import InvalidInput, LossWarning, plural
@@ -147,14 +146,6 @@ class Trial:
         return self.profile.quantise(problem, allocate(problem, self.layered.curves, self.layered.choices))
 
 
-def choose_layers(problem: RdoInput, curves: Sequence[RdCurve], layers: int) -> LayeredInput:
-    """Layers by rule, without pictures; all in one, where that is what is asked for."""
-    if layers > 1:
-        return layer_by_rule(problem, curves, layers)
-    last = price_layers(problem, curves).final
-    return LayeredInput(problem, curves, [last], last)
-
-
 class Encoder:
     """The stages after measuring, repeated until pictures are as good as asked.
 
@@ -169,7 +160,7 @@ class Encoder:
 
     def run(self) -> Trial:
         """The trial that is as good as asked, layers in place."""
-        trial = RateControl.for_options(self.profile.options).converge(self.trial, self._psnr_db)
+        trial = converge(self.profile.options, self.trial, self._psnr_db)
         if not self._previews:
             return trial
         problem, curves = trial.layered.problem, trial.layered.curves
@@ -182,7 +173,7 @@ class Encoder:
         self._report()
         self.trials += 1
         curves = measure_curves(problem)
-        return Trial(self.profile, choose_layers(problem, curves, 1 if self._previews else layers))
+        return Trial(self.profile, layer_by_rule(problem, curves, 1 if self._previews else layers))
 
     @property
     def _previews(self) -> bool:

@@ -27,8 +27,7 @@ _DIGEST, _LENGTH, _ALIGNMENT = 32, 8, 16
 _NUMBERS = "biuf"
 _HERE = "reference_encoder.out_of_core"
 _MODULES = {
-    "reference_encoder.importance.view_sampling": "SurveyViews",
-    "reference_encoder.judge.views": "ViewSet Views",
+    "reference_encoder.importance.view_sampling": "ViewSet Views",
     "reference_encoder.options": "EncodeOptions",
     f"{_HERE}.fit": "Fit LatentFit",
     f"{_HERE}.judge": "Pictures",

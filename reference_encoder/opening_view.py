@@ -1,4 +1,5 @@
-"""The view that a file opens with (encoder only, informative).
+"""The view that a file opens with, and its THUMBNAIL, a small WebP picture of it (SPEC §7.15; encoder only,
+informative).
 
 Of given cameras the one amid most of them. Else the view, of some from outside, from near and from the middle, whose
 picture has the most detail and the least fog before it; a subject that stands by itself then fills the frame.
@@ -6,7 +7,8 @@ picture has the most detail and the least fog before it; a subject that stands b
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+import io
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -27,8 +29,15 @@ from reference_encoder.tuning import (
     OPENING_SAMPLING,
     OPENING_TURNS,
     OPENING_WIDE,
+    THUMBNAIL_LEAST,
+    THUMBNAIL_MOST,
+    THUMBNAIL_PART,
+    THUMBNAIL_QUALITIES,
+    THUMBNAIL_WIDTHS,
 )
 from scarfmt.arrays import F32, F64
+from scarfmt.container.file import Block
+from scarfmt.container.schema import BlockKind
 from scarfmt.render.camera import Camera
 from scarfmt.render.projection import Drawable
 from scarfmt.render.rasterise import render_with
@@ -84,21 +93,18 @@ def _show(drawable: Drawable, view: _View) -> tuple[float, F32]:
     # Two more channels: how much of it is fog, and how opaque it is.
     shares = np.stack([depth < view.fog, np.ones(len(depth)), np.zeros(len(depth))], axis=1)
     picture, found = render_with(drawable, camera, shares)
-    return _detail(picture) * (1 - float(found[:, :, 0].mean())) ** 2, found[:, :, 1]
+    # Mean length of the gradient of a picture of blocks: eyes and edges tell more than fur.
+    rows, columns = (size // DETAIL_BLOCK for size in picture.shape[:2])
+    whole = np.clip(picture[: rows * DETAIL_BLOCK, : columns * DETAIL_BLOCK], 0, 1)
+    shown = whole.reshape(rows, DETAIL_BLOCK, columns, DETAIL_BLOCK, 3).mean(axis=(1, 3))
+    down, right = np.diff(shown, axis=0)[:, :-1], np.diff(shown, axis=1)[:-1]
+    detail = float(np.sqrt(down**2 + right**2).mean())
+    return detail * (1 - float(found[:, :, 0].mean())) ** 2, found[:, :, 1]
 
 
 def _edge(opacity: F32) -> float:
     """Mean opacity along the edge of the frame."""
     return float(np.concatenate([opacity[[0, -1]].ravel(), opacity[:, [0, -1]].ravel()]).mean())
-
-
-def _detail(picture: F32) -> float:
-    """Mean length of the gradient of a (height, width, 3) picture of blocks: eyes and edges tell more than fur."""
-    rows, columns = (size // DETAIL_BLOCK for size in picture.shape[:2])
-    whole = np.clip(picture[: rows * DETAIL_BLOCK, : columns * DETAIL_BLOCK], 0, 1)
-    shown = whole.reshape(rows, DETAIL_BLOCK, columns, DETAIL_BLOCK, 3).mean(axis=(1, 3))
-    down, right = np.diff(shown, axis=0)[:, :-1], np.diff(shown, axis=1)[:-1]
-    return float(np.sqrt(down**2 + right**2).mean())
 
 
 def _covering(scene: GaussianScene) -> Drawable:
@@ -154,3 +160,36 @@ def middle_camera(cameras: Sequence[Camera]) -> Camera:
     nearest = min(max(len(cameras) // OPENING_NEIGHBOURS, 1), len(cameras) - 1)
     reached = [np.sort(np.linalg.norm(centres - centre, axis=1))[nearest] for centre in centres]
     return cameras[int(np.argmin(reached))]
+
+
+def thumbnail_blocks(view: Callable[[Camera], F32], camera: Camera, blocks: Sequence[Block]) -> list[Block]:
+    """The block of a file, or none: a small file has no room for one, and without Pillow there is none.
+
+    Args:
+        view: draws what a decoder makes of the file.
+        camera: the opening view.
+        blocks: all others of the file.
+    """
+    most = min(int(THUMBNAIL_PART * sum(len(block.payload) for block in blocks)), THUMBNAIL_MOST)
+    picture = draw_thumbnail(view, camera, most) if most >= THUMBNAIL_LEAST else None
+    return [] if picture is None else [Block(BlockKind.THUMBNAIL, 1, picture)]
+
+
+def draw_thumbnail(view: Callable[[Camera], F32], camera: Camera, most: int) -> bytes | None:
+    """A WebP file of at most `most` bytes, the widest that still looks good; None if none is as small."""
+    try:
+        from PIL import Image, features
+
+        from scarfmt.render.images import to_bytes
+    except ImportError:
+        return None
+    if not features.check("webp"):
+        return None
+    for width in THUMBNAIL_WIDTHS:
+        image = Image.fromarray(to_bytes(view(camera.scaled(width / camera.width))))
+        for quality in THUMBNAIL_QUALITIES:
+            file = io.BytesIO()
+            image.save(file, "WEBP", quality=quality, method=6)
+            if file.tell() <= most:
+                return file.getvalue()
+    return None

@@ -29,8 +29,13 @@ def build_streaming_block(
         drawn: what a decoder makes of them, in file order.
         opening: the view to begin with.
     """
-    low, high, reach = _boxes(scene, drawn)
-    return Streaming(low, high, reach, _view(opening, place_anchors(drawn).positions))
+    low, middle, high = np.percentile(place_anchors(drawn).positions, (10, 50, 90), axis=0)
+    forward, down = opening.world_to_camera[2, :3], opening.world_to_camera[1, :3]
+    # It looks at what is as far ahead as the middle of the scene.
+    ahead = max(float((middle - opening.centre) @ forward), 0.05 * float(np.linalg.norm(high - low)), 1e-6)
+    field = 2 * math.atan(opening.height / (2 * opening.fy))
+    view = View(opening.centre, opening.centre + ahead * forward, -down, field)
+    return Streaming(*_boxes(scene, drawn), view)
 
 
 def place_anchors(scene: GaussianScene | AnchorModel) -> GaussianScene:
@@ -79,12 +84,3 @@ def _quantile(values: F64, weights: F64) -> float:
     order = np.argsort(values, kind="stable")
     total = np.cumsum(weights[order])
     return float(values[order][min(int(np.searchsorted(total, _BULK * total[-1])), len(order) - 1)])
-
-
-def _view(camera: Camera, positions: F64) -> View:
-    """A camera as the block has it: it looks at what is as far ahead as the middle of the scene."""
-    low, middle, high = np.percentile(positions, (10, 50, 90), axis=0)
-    forward, down = camera.world_to_camera[2, :3], camera.world_to_camera[1, :3]
-    ahead = max(float((middle - camera.centre) @ forward), 0.05 * float(np.linalg.norm(high - low)), 1e-6)
-    field = 2 * math.atan(camera.height / (2 * camera.fy))
-    return View(camera.centre, camera.centre + ahead * forward, -down, field)

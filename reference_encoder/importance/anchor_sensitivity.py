@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from reference_decoder.anchors import gaussians, log_sigmoid, outlook, sigmoid, unit_vectors
-from reference_encoder.importance.view_sampling import SurveyViews
+from reference_encoder.importance.view_sampling import Views
 from reference_encoder.importance.weights import pixel_angle
 from reference_encoder.tuning import ASPECT_CAP, BLUR_PX2, METRIC_ANCHORS
 from scarfmt.arrays import F32, F64
@@ -62,7 +62,7 @@ def draw_anchors(model: AnchorModel) -> Callable[[Camera], F32]:
 
 
 def measure_anchors(
-    model: AnchorModel, survey: SurveyViews, seed: int, report: Callable[[float], None]
+    model: AnchorModel, survey: Views, seed: int, report: Callable[[float], None]
 ) -> AnchorSensitivity:
     """Sensitivities of all N anchors in a survey's views: means over each kind, and of these by their shares."""
     shape, colour, inverse, hits = (np.zeros((len(model), model.slots)) for _ in range(4))

@@ -90,27 +90,19 @@ def from_scene(scene: GaussianScene) -> Attributes:
 
 
 def visible_attributes(scene: GaussianScene, pixel: NDArray[np.floating]) -> Attributes:
-    """Attributes of a scene without NaN or infinity, hidden axes lengthened unless that is seen: antialiasing makes
-    Gaussians fainter by how thin they are.
+    """Attributes of a scene without NaN or infinity, axes that are hidden in the blur of a pixel as long as they may be
+    without being seen.
+
+    Nobody sees how thin a flat splat is. What its shortest axis says costs bits all the same, and most where flat means
+    anything from a thousandth of a pixel down. But antialiasing makes Gaussians fainter by how thin they are.
 
     Args:
         scene: N Gaussians.
-        pixel: (N,) as :func:`lengthen_hidden_axes` has it.
-    """
-    attributes = from_scene(scene)
-    antialiased = scene.description.render_model == RenderModel.ANTIALIASED
-    return attributes if antialiased else lengthen_hidden_axes(attributes, pixel)
-
-
-def lengthen_hidden_axes(attributes: Attributes, pixel: NDArray[np.floating]) -> Attributes:
-    """`attributes` with axes that are hidden in the blur of a pixel as long as they may be without being seen.
-
-    Nobody sees how thin a flat splat is. What its shortest axis says costs bits all the same, and most where flat means
-    anything from a thousandth of a pixel down.
-
-    Args:
         pixel: (N,) width of a pixel at each Gaussian, world units.
     """
+    attributes = from_scene(scene)
+    if scene.description.render_model == RenderModel.ANTIALIASED:
+        return attributes
     hidden = HIDDEN_SCALE * np.sqrt(BLUR_PX2) * np.maximum(pixel.astype(np.float64), np.exp(MIN_LOG_SCALE))
     least = np.minimum(np.log(hidden), MAX_LOG_SCALE)
     return replace(attributes, log_scales=np.maximum(attributes.log_scales, least[:, None]))

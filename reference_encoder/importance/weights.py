@@ -15,8 +15,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from reference_encoder.importance.view_sampling import SurveyViews
-from reference_encoder.tuning import FLOOR_CONTRAST, FLOOR_DISTANCE, FLOOR_GAUSSIANS, FLOOR_SHARE, SURVEY_POWER
+from reference_encoder.importance.view_sampling import Views
+from reference_encoder.tuning import (
+    DRAFT_GAUSSIANS,
+    FLOOR_CONTRAST,
+    FLOOR_DISTANCE,
+    FLOOR_GAUSSIANS,
+    FLOOR_SHARE,
+    SURVEY_POWER,
+)
 from scarfmt.arrays import F32, F64
 from scarfmt.render.camera import DILATION_PX2, Camera
 from scarfmt.render.native.binding import MIN_ALPHA
@@ -124,7 +131,7 @@ def pixel_angle(camera: Camera) -> float:
     return float(np.sqrt(camera.dilation / DILATION_PX2) / camera.fx)
 
 
-def weigh_scene(scene: GaussianScene, survey: SurveyViews, report: Callable[[float], None] = lambda _: None) -> Weights:
+def weigh_scene(scene: GaussianScene, survey: Views, report: Callable[[float], None] = lambda _: None) -> Weights:
     """The weights of the Gaussians of a scene in the views of a survey.
 
     Args:
@@ -140,6 +147,18 @@ def weigh_scene(scene: GaussianScene, survey: SurveyViews, report: Callable[[flo
         kinds[kind] = sums.means(len(cameras))
     floor = weigh_unoccluded(scene, FLOOR_DISTANCE * survey.radius, len(scene))
     return Weights(kinds, survey.shares, floor, sums.pixel(survey.radius), sums.largest)
+
+
+def weigh_draft(scene: GaussianScene, survey: Views) -> Weights:
+    """The weights of Gaussians that nobody has looked at, by size and opacity: as if nothing were in front of any.
+
+    Args:
+        scene: all of it, or a part.
+        survey: without views; of the whole scene.
+    """
+    near = FLOOR_DISTANCE * survey.radius
+    floor = weigh_unoccluded(scene, near, DRAFT_GAUSSIANS)
+    return Weights({}, {}, floor, np.full(len(scene), near * PIXEL, np.float32), np.ones(len(scene), np.float32))
 
 
 def weigh_unoccluded(scene: GaussianScene, distance: float, count: int) -> KindWeights:

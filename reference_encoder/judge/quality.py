@@ -7,14 +7,14 @@ a picture's pixels to another by a few tenths (docs/decisions/0025-quality-every
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any, Generic, TypeVar
 
 import numpy as np
 
-from reference_encoder.judge.views import Views
+from reference_encoder.importance.view_sampling import Views
 from reference_encoder.options import MIN_QUALITY
 from reference_encoder.tuning import (
     GROWTH_A_DB,
@@ -208,11 +208,14 @@ class Judge(Generic[S]):
         """With pictures of `scene`, which are drawn here."""
         draw = view(scene)
         pictures = {
-            kind: list(zip(cameras, map_threads(draw, cameras), strict=True)) for kind, cameras in views.cameras.items()
+            kind: list(zip(cameras, map_threads(draw, cameras), strict=True)) for kind, cameras in views.views.items()
         }
         # Where no view shows much, those that show anything are all there is.
-        shown = _views_that(shows_something, pictures) or _views_that(np.any, pictures)
-        return cls(view, shown, views.shares, most_db)
+        for show in (shows_something, np.any):
+            shown = {kind: [pair for pair in pairs if show(pair[1])] for kind, pairs in pictures.items()}
+            if any(shown.values()):
+                break
+        return cls(view, {kind: pairs for kind, pairs in shown.items() if pairs}, views.shares, most_db)
 
     def thinned(self, views: int, most_db: float) -> Judge[S]:
         """At least `views` of each kind, evenly taken from more; a picture counts for at most `most_db`."""
@@ -222,25 +225,14 @@ class Judge(Generic[S]):
     def quality(self, scene: S) -> Quality:
         """How good pictures of `scene` are."""
         draw = self.view(scene)
-        found = {
-            kind: np.array([min(decibels, self.most_db) for decibels in _decibels(draw, pairs)])
-            for kind, pairs in self.seen.items()
-        }
+        found = {}
+        for kind, pairs in self.seen.items():
+            drawn = map_threads(draw, [camera for camera, _ in pairs])
+            decibels = (psnr(picture, truth) for picture, (_, truth) in zip(drawn, pairs, strict=True))
+            found[kind] = np.array([min(each, self.most_db) for each in decibels])
         return Quality(found, self.shares)
 
 
 def shows_something(picture: F32) -> bool:
     """Whether enough of a (height, width, 3) picture is not black to tell anything."""
     return float((picture.max(axis=2) > LIT).mean()) >= LIT_SHARE
-
-
-def _views_that(show: Callable[[F32], Any], pictures: Pictures) -> Pictures:
-    """Views whose pictures `show` holds for; no kind without any."""
-    shown = {kind: [pair for pair in pairs if show(pair[1])] for kind, pairs in pictures.items()}
-    return {kind: pairs for kind, pairs in shown.items() if pairs}
-
-
-def _decibels(draw: View, pairs: Sequence[tuple[Camera, F32]]) -> Iterator[float]:
-    """PSNR of what `draw` draws from each camera against the picture beside it, dB."""
-    drawn = map_threads(draw, [camera for camera, _ in pairs])
-    return (psnr(picture, truth) for picture, (_, truth) in zip(drawn, pairs, strict=True))

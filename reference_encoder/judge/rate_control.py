@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from typing import TypeVar
 
 import numpy as np
@@ -30,56 +29,37 @@ from reference_encoder.tuning import (
 T = TypeVar("T")
 
 
-@dataclass(frozen=True)
-class RateControl:
-    """The search for the quality to predict for, so that pictures have what was asked.
+def converge(options: EncodeOptions, make: Callable[[float], T], measure: Callable[[T], float]) -> T:
+    """The first trial that is close enough to what is asked, or that is a small step from one that was looked at.
 
-    Attributes:
-        asked: dB.
-        corrections: that may be made.
-        start: what is predicted for first, dB.
-        sure: the longest step after which nobody looks again, dB.
+    Where none is, the closest of those looked at.
+
+    Args:
+        options: what is asked; as many corrections as asked for, or as the effort has.
+        make: quality to predict for, dB -> trial.
+        measure: trial -> dB of its pictures.
     """
-
-    asked: float
-    corrections: int
-    start: float
-    sure: float
-
-    @classmethod
-    def for_options(cls, options: EncodeOptions) -> RateControl:
-        """With as many corrections as asked for, or as the effort has."""
-        corrections = EFFORTS[options.effort].corrections if options.corrections is None else options.corrections
-        if options.worst is None:
-            return cls(options.quality, corrections, options.quality, SURE_DB)
-        # A percentile jumps: every step is looked at.
-        return cls(options.worst, corrections, options.worst + WORST_BELOW_DB, 0.0)
-
-    def converge(self, make: Callable[[float], T], measure: Callable[[T], float]) -> T:
-        """The first trial that is close enough, or that is a small step from one that was looked at.
-
-        Where none is, the closest of those looked at.
-
-        Args:
-            make: target, dB -> trial.
-            measure: trial -> dB of its pictures.
-        """
-        trial = make(self.start)
-        if not self.corrections:
-            return trial
-        tried = [(self.start, measure(trial))]
-        for _ in range(self.corrections):
-            target = next_target(self.asked, tried, self.start)
-            if target is None:
-                break
-            if abs(self.asked - tried[-1][1]) <= self.sure:
-                del trial  # as large as the scene, and not needed any more
-                return make(target)
-            other = make(target)
-            tried.append((target, measure(other)))
-            if np.argmin([abs(found - self.asked) for _, found in tried]) == len(tried) - 1:
-                trial = other
+    corrections = EFFORTS[options.effort].corrections if options.corrections is None else options.corrections
+    # A percentile jumps: every step is looked at.
+    asked, start, sure = options.asked_db, options.quality, SURE_DB
+    if options.worst is not None:
+        start, sure = options.worst + WORST_BELOW_DB, 0.0
+    trial = make(start)
+    if not corrections:
         return trial
+    tried = [(start, measure(trial))]
+    for _ in range(corrections):
+        target = next_target(asked, tried, start)
+        if target is None:
+            break
+        if abs(asked - tried[-1][1]) <= sure:
+            del trial  # as large as the scene, and not needed any more
+            return make(target)
+        other = make(target)
+        tried.append((target, measure(other)))
+        if np.argmin([abs(found - asked) for _, found in tried]) == len(tried) - 1:
+            trial = other
+    return trial
 
 
 def next_target(asked: float, tried: Sequence[tuple[float, float]], start: float) -> float | None:

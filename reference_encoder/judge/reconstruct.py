@@ -97,7 +97,10 @@ class PreviewScene:
             steps: of each class that is there, those of each channel.
             parts: of each of these classes, what is there; None for all of them.
         """
-        here = [self._slice(number, part) for number, part in enumerate([1.0] * len(steps) if parts is None else parts)]
+        here = []
+        for number, part in enumerate([1.0] * len(steps) if parts is None else parts):
+            first, past = self.bounds[number : number + 2]
+            here.append(slice(first, first + int(np.searchsorted(self.rank[first:past], part))))
         total = sum(rows.stop - rows.start for rows in here)
         drawn = (
             self._rows(received, slice(start, min(start + _ROWS, rows.stop)))
@@ -119,11 +122,6 @@ class PreviewScene:
         decoder = self.problem.decoder if Stream.LATENT in values else None
         nothing = None, np.zeros((len(at), 0), np.int64), np.zeros(len(at), np.int64)
         return explicit_scene(at, values, self.problem.sh_degree, decoder, nothing, self.problem.description)
-
-    def _slice(self, number: int, part: float) -> slice:
-        """Where the given part of a class is."""
-        first, past = self.bounds[number : number + 2]
-        return slice(first, first + int(np.searchsorted(self.rank[first:past], part)))
 
 
 def _join(room: GaussianScene, parts: Iterable[GaussianScene]) -> GaussianScene:

@@ -11,11 +11,10 @@ from reference_encoder.importance.sensitivity import Sensitivity, measure_sensit
 from reference_encoder.out_of_core.overview import Overview
 from reference_encoder.out_of_core.types import Measured, Range
 from reference_encoder.profiles.explicit import gaussian_channels, log_extent, view_dependent, wanted_step
-from reference_encoder.rdo.allocation import quantise_channel
+from reference_encoder.rdo.allocation import cut_contents, quantise_channel
 from reference_encoder.rdo.classes import ClassBounds, Classes, rank_by_coverage, rank_with_colour
 from reference_encoder.rdo.latent import Latent
-from reference_encoder.rdo.lattice import RootCube, place_within
-from reference_encoder.rdo.quantised_scene import cut_contents
+from reference_encoder.rdo.lattice import RootCube, place
 from reference_encoder.tuning import CLASS_COLOUR_SHARE, GAUSSIAN_BITS, INVISIBLE_WEIGHT, REST_SHARE
 from scarfmt.arrays import F64, I64
 from scarfmt.blocks.mlp import QuantisedMlp
@@ -118,18 +117,17 @@ def apply(
         return fit.scene((), ()), np.array([*gone, 0])
     attributes, seen = attributes.take(chosen), seen.take(chosen)
     wanted = wanted_step(seen, fit.lambda_)
-    place = place_within(
-        attributes.positions, wanted, fit.root, fit.fields.lattice_bits, fit.tile_anchors, (part.first, part.past)
-    )
+    within, bits = (part.first, part.past), fit.fields.lattice_bits
+    placement = place(attributes.positions, wanted, fit.tile_anchors, fit.root, bits, within)
     classes, model = split_classes(fit, every[chosen], attributes), fit.model
     latent = None if fit.latent is None else fit.latent.of(attributes, seen)
-    values, weights, _ = gaussian_channels(attributes, seen, place, latent)
+    values, weights, _ = gaussian_channels(attributes, seen, placement, latent)
     integers = {}
     for index, channel in enumerate(model.channels):
         stream, steps = channel.stream, np.array([row[index] for row in model.layers[-1].steps])
         received = channel.first_width, steps
         integers[stream] = quantise_channel(values[stream], weights[stream], classes, received, fit.lambda_)
-    whole = fit.scene(place.tiles, cut_contents(model, place, classes, integers))
+    whole = fit.scene(placement.tiles, cut_contents(model, placement, classes, integers))
     return whole, np.array([*gone, int((~view_dependent(whole))[classes].sum())])
 
 

@@ -10,21 +10,20 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from reference_encoder.encode import choose_layers
 from reference_encoder.importance.attributes import Attributes, visible_attributes
 from reference_encoder.importance.sensitivity import Sensitivity, measure_sensitivity
-from reference_encoder.judge.rate_control import RateControl
+from reference_encoder.judge.rate_control import converge
 from reference_encoder.out_of_core.fit import Fit, LatentFit, ranked
 from reference_encoder.out_of_core.judge import combine_quality
 from reference_encoder.out_of_core.measure import concatenate_samples
 from reference_encoder.out_of_core.overview import Overview
 from reference_encoder.out_of_core.types import Sample
 from reference_encoder.profiles.explicit import gaussian_input, wanted_step
-from reference_encoder.rdo.allocation import allocate
+from reference_encoder.rdo.allocation import allocate, header_fields
 from reference_encoder.rdo.classes import find_class_bounds, measure_colour_shift
 from reference_encoder.rdo.curves import measure_curves, predict_lambda
-from reference_encoder.rdo.lattice import Placement, RootCube, count_lattice_bits, default_tile_size, place_within
-from reference_encoder.rdo.quantised_scene import header_fields
+from reference_encoder.rdo.lattice import count_lattice_bits, default_tile_size, place
+from reference_encoder.rdo.layers import layer_by_rule
 from reference_encoder.tuning import (
     GAUSSIAN_BITS,
     GAUSSIAN_LAMBDA_DB,
@@ -52,7 +51,7 @@ def fit_scene(overview: Overview, samples: Sequence[Sample], judge: Callable[[Fi
     def fit(quality: float) -> Fit:
         return fit_sample(overview, sampled, quality)
 
-    return RateControl.for_options(options).converge(fit, decibels)
+    return converge(options, fit, decibels)
 
 
 Prepared = tuple[Attributes, Sensitivity, float]
@@ -79,11 +78,13 @@ def fit_sample(overview: Overview, sample: Prepared, quality: float) -> Fit:
     kept = np.flatnonzero(every >= 0)
     seen, attributes = seen.take(kept), attributes.take(kept)
     # Tiles of the sample are as large as those of the scene will be.
-    placement = _place(attributes.positions, wanted_step(seen, lambda_), bounds.root, max(1, round(most / repeat)))
+    positions, wanted, fewer = attributes.positions, wanted_step(seen, lambda_), max(1, round(most / repeat))
+    bits = count_lattice_bits(positions, wanted, bounds.root, fewer) + LATTICE_MARGIN_BITS
+    placement = place(positions, wanted, fewer, bounds.root, min(max(bits, MAX_TILE_DEPTH), MAX_LATTICE_BITS))
     problem = gaussian_input(
         attributes, seen, every[kept], classes.count, placement, lambda_, bounds.count, repeat, bounds.description
     )
-    layered = choose_layers(problem, measure_curves(problem), overview.options.layers)
+    layered = layer_by_rule(problem, measure_curves(problem), overview.options.layers)
     latent = problem.latent
     return Fit(
         lambda_=lambda_,
@@ -96,11 +97,6 @@ def fit_sample(overview: Overview, sample: Prepared, quality: float) -> Fit:
         tile_anchors=most,
         latent=None if latent is None else LatentFit(latent.projection, latent.decoder),
     )
-
-
-def _place(positions: F64, wanted: F64, root: RootCube, most: int) -> Placement:
-    bits = count_lattice_bits(positions, wanted, root, most) + LATTICE_MARGIN_BITS
-    return place_within(positions, wanted, root, min(max(bits, MAX_TILE_DEPTH), MAX_LATTICE_BITS), most)
 
 
 def tile_anchors(overview: Overview) -> int:

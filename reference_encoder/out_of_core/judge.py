@@ -10,20 +10,18 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
-from itertools import chain
 
 import numpy as np
 
+from reference_encoder.importance.view_sampling import ViewSet
 from reference_encoder.judge.quality import Quality, cap_db, shows_something
 from reference_encoder.judge.reconstruct import reconstruct_gaussians
-from reference_encoder.judge.views import ViewSet
 from reference_encoder.out_of_core.fit import Fit, apply
 from reference_encoder.out_of_core.measure import find_meeting_views, take_rows
 from reference_encoder.out_of_core.overview import Overview
 from reference_encoder.out_of_core.types import Measured, Range
 from reference_encoder.tuning import JUDGED_ROWS, LEAST_COVER
 from scarfmt.arrays import F32, F64, I64
-from scarfmt.render.camera import Camera
 from scarfmt.render.rasterise import render, render_with
 from scarfmt.scene.gaussians import GaussianScene
 from scarfmt.threads import map_threads
@@ -51,11 +49,6 @@ class Pictures:
     cover: F64
 
 
-def cameras_of(overview: Overview, view_set: ViewSet) -> list[Camera]:
-    """All views of a set, kind after kind."""
-    return list(chain.from_iterable(overview.views[view_set].cameras.values()))
-
-
 def choose_piece(overview: Overview, part: Range, scene: GaussianScene) -> tuple[I64, tuple[int, int]]:
     """Choose neighbours to judge a range by: (n,) Gaussians; the first of their runs and the one past the last."""
     order, run = np.argsort(overview.bounds.paths(scene.positions), kind="stable"), overview.run
@@ -78,7 +71,7 @@ def render_pictures(
     """
     rows, runs = choose_piece(overview, part, scene)
     scene, measured = scene.take(rows), take_rows(measured, rows)
-    cameras, drawable = cameras_of(overview, view_set), overview.drawn(part, scene, runs)
+    cameras, drawable = overview.views[view_set].cameras, overview.drawn(part, scene, runs)
     views = find_meeting_views(cameras, scene)
     looked = [cameras[number] for number in views]
     own = np.ones((len(drawable.scene), 3))
@@ -106,7 +99,7 @@ def judge(overview: Overview, fit: Fit, part: Range, shown: Pictures) -> F64:
     """
     whole, _ = apply(overview, fit, part, shown.scene, shown.measured)
     finished = reconstruct_gaussians(whole) if whole.tiles else shown.scene.rows(slice(0, 0))
-    cameras = cameras_of(overview, shown.view_set)
+    cameras = overview.views[shown.view_set].cameras
     error, cover = np.zeros(len(cameras)), np.zeros(len(cameras))
     drawn = map_threads(partial(render, overview.drawn(part, finished, shown.runs)), [cameras[k] for k in shown.views])
     for view, picture, truth in zip(shown.views, drawn, shown.pictures, strict=True):
@@ -122,7 +115,7 @@ def combine_quality(overview: Overview, judged: Sequence[F64], view_set: ViewSet
     cover = np.minimum(cover, 1.0)
     found: dict[str, F64] = {}
     first = 0
-    for kind, cameras in views.cameras.items():
+    for kind, cameras in views.views.items():
         here = slice(first, first + len(cameras))
         first += len(cameras)
         covered = cover[here] > LEAST_COVER

@@ -12,8 +12,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from reference_encoder.importance.draft import weigh_draft
-from reference_encoder.importance.weights import Weights, WeightSums, weigh_unoccluded
+from reference_encoder.importance.weights import Weights, WeightSums, weigh_draft, weigh_unoccluded
 from reference_encoder.out_of_core.overview import Overview, sample_evenly
 from reference_encoder.out_of_core.types import Measured, Range, Sample
 from reference_encoder.tuning import (

@@ -12,8 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from reference_encoder.importance.view_sampling import SurveyViews, sample_views
-from reference_encoder.judge.views import Views, ViewSet, judging_views
+from reference_encoder.importance.view_sampling import Views, ViewSet, judging_views, sample_views
 from reference_encoder.options import EncodeOptions
 from reference_encoder.out_of_core.types import Bounds, Range
 from reference_encoder.tuning import JUDGING_RANGES, MOST_PROXIES, OVERVIEW_ROWS, PROXY_RUN
@@ -45,7 +44,7 @@ class Overview:
 
     options: EncodeOptions
     bounds: Bounds
-    survey: SurveyViews
+    survey: Views
     proxies: GaussianScene
     run: int
     edges: I64

@@ -6,8 +6,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, BinaryIO, TypeVar
 
+from reference_encoder.importance.view_sampling import ViewSet
 from reference_encoder.judge.quality import Quality
-from reference_encoder.judge.views import ViewSet
 from reference_encoder.options import DEFAULT_RANGE, EncodeOptions
 from reference_encoder.out_of_core import tasks
 from reference_encoder.out_of_core.bins import write_index

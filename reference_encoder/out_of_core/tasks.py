@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from reference_encoder.judge.views import ViewSet
+from reference_encoder.importance.view_sampling import ViewSet
 from reference_encoder.options import EncodeOptions
 from reference_encoder.out_of_core import bins, code, judge, measure, overview
 from reference_encoder.out_of_core.fit import Fit, apply

@@ -8,17 +8,15 @@ import numpy as np
 
 from reference_decoder.reconstruct import NETWORKS
 from reference_encoder.importance.anchor_sensitivity import AnchorSensitivity, draw_anchors, measure_anchors
-from reference_encoder.importance.view_sampling import sample_views
+from reference_encoder.importance.view_sampling import ViewSet, judging_views, sample_views
 from reference_encoder.judge.quality import Judge, cap_db
 from reference_encoder.judge.reconstruct import reconstruct_anchors
-from reference_encoder.judge.views import ViewSet, judging_views
 from reference_encoder.options import EncodeOptions
-from reference_encoder.rdo.allocation import Allocation
+from reference_encoder.rdo.allocation import Allocation, assemble_scene
 from reference_encoder.rdo.classes import Classes, classify
 from reference_encoder.rdo.curves import best_width, position_bits, predict_lambda
 from reference_encoder.rdo.latent import fit_latent
 from reference_encoder.rdo.lattice import place
-from reference_encoder.rdo.quantised_scene import assemble_scene
 from reference_encoder.rdo.rdo_input import RdoInput
 from reference_encoder.rdo.rounding import round_values
 from reference_encoder.streaming_block import place_anchors
@@ -57,6 +55,7 @@ class AnchorProfile:
     """
 
     previews = False
+    reconstruct = staticmethod(reconstruct_anchors)
 
     model: AnchorModel
     sensitivity: AnchorSensitivity
@@ -149,10 +148,6 @@ class AnchorProfile:
         mlps = tuple(_quantise_mlp(self.model.mlps[name]) for name in NETWORKS)
         allocation = replace(allocation, model=model, integers=integers)
         return assemble_scene(problem, allocation, self.options.metadata, mlps, slot_layers)
-
-    def reconstruct(self, scene: QuantisedScene) -> AnchorModel:
-        """The scene that a decoder makes of the last layer of a file."""
-        return reconstruct_anchors(scene)
 
 
 @dataclass(frozen=True, kw_only=True)

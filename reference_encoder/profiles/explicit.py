@@ -8,20 +8,17 @@ from typing import Any
 import numpy as np
 
 from reference_encoder.importance.attributes import Attributes, visible_attributes
-from reference_encoder.importance.draft import weigh_draft
 from reference_encoder.importance.sensitivity import Sensitivity, measure_sensitivity
-from reference_encoder.importance.view_sampling import SurveyViews, sample_views
-from reference_encoder.importance.weights import Weights, weigh_scene
+from reference_encoder.importance.view_sampling import Views, ViewSet, judging_views, sample_views
+from reference_encoder.importance.weights import Weights, weigh_draft, weigh_scene
 from reference_encoder.judge.quality import Judge, cap_db, draw_gaussians
 from reference_encoder.judge.reconstruct import reconstruct_gaussians
-from reference_encoder.judge.views import ViewSet, judging_views
 from reference_encoder.options import EncodeOptions
-from reference_encoder.rdo.allocation import Allocation
+from reference_encoder.rdo.allocation import Allocation, assemble_scene
 from reference_encoder.rdo.classes import Classes, classify, rank_by_coverage, rank_with_colour
 from reference_encoder.rdo.curves import best_width, position_bits, predict_lambda
 from reference_encoder.rdo.latent import Latent, fit_latent
 from reference_encoder.rdo.lattice import Placement, place
-from reference_encoder.rdo.quantised_scene import assemble_scene
 from reference_encoder.rdo.rdo_input import RdoInput
 from reference_encoder.tuning import (
     CLASS_COLOUR_SHARE,
@@ -61,10 +58,11 @@ class ExplicitProfile:
     """
 
     previews = True
+    reconstruct = staticmethod(reconstruct_gaussians)
 
     scene: GaussianScene
     attributes: Attributes
-    survey: SurveyViews
+    survey: Views
     weights: Weights
     sensitivity: Sensitivity
     options: EncodeOptions
@@ -113,10 +111,6 @@ class ExplicitProfile:
         report = report_encoding(self.survey, gone, plain if self.scene.sh_degree else None)
         said = self.scene.description.metadata()
         return replace(scene, metadata={ENCODE_REPORT: report, **said, **self.options.metadata})
-
-    def reconstruct(self, scene: QuantisedScene) -> GaussianScene:
-        """The scene that a decoder makes of the last layer of a file."""
-        return reconstruct_gaussians(scene)
 
 
 def gaussian_input(
@@ -200,7 +194,7 @@ def view_dependent(scene: QuantisedScene) -> np.ndarray:
     return np.array([index is not None and steps[index] > 0 for steps in last.steps])
 
 
-def report_encoding(survey: SurveyViews, left_out: tuple[int, int], plain: int | None) -> dict[str, Any]:
+def report_encoding(survey: Views, left_out: tuple[int, int], plain: int | None) -> dict[str, Any]:
     """JSON-able member of METADATA: how the scene was looked at, and what of it is not in the file as it was.
 
     Args:

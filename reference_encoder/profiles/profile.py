@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import Protocol, TypeVar
 
+from reference_encoder.importance.view_sampling import ViewSet
 from reference_encoder.judge.quality import Judge
-from reference_encoder.judge.views import ViewSet
 from reference_encoder.options import EncodeOptions
 from reference_encoder.rdo.allocation import Allocation
 from reference_encoder.rdo.rdo_input import RdoInput

@@ -1,19 +1,26 @@
-"""The allocation of bits, shared by both profiles: layers, channels and final integers of one scene."""
+"""The allocation of bits, shared by both profiles: layers, channels and final integers of one scene, and all that
+the writer takes (:class:`QuantisedScene`)."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from reference_encoder.rdo.curves import RdCurve
-from reference_encoder.rdo.layers import LayerChoice, price_layers
+from reference_encoder.rdo.lattice import Placement
+from reference_encoder.rdo.layers import LayerChoice, Steps, price_layers
 from reference_encoder.rdo.rdo_input import RdoInput
 from reference_encoder.rdo.rounding import round_values
 from scarfmt.arrays import F64, I32, I64, Floats
+from scarfmt.blocks.mlp import QuantisedMlp
 from scarfmt.codecs.channels import cell_widths
-from scarfmt.container.schema import Stream
+from scarfmt.coding.tile import TileContent
+from scarfmt.coding.writer import QuantisedScene
+from scarfmt.container.file import HeaderFields
+from scarfmt.container.schema import ColourSpace, CoordinateFrame, Stream
 from scarfmt.scene.model import Channel, LayerRow, SceneModel
 
 _ALWAYS = (Stream.SCALE, Stream.COLOUR)
@@ -40,35 +47,26 @@ def allocate(problem: RdoInput, curves: Sequence[RdCurve], choices: Sequence[Lay
 
     Args:
         problem, curves: what there is to decide, and what it costs.
-        choices: what each layer shows, whole classes (`RdoInput.split`); layers that add nothing are left out.
+        choices: what each layer shows, whole classes (:func:`reference_encoder.rdo.layers.split_classes`); layers that
+            add nothing are left out.
     """
     costs = price_layers(problem, curves)
-    rows: dict[LayerRow, float] = {}
+    rows: dict[tuple[Steps, ...], float] = {}
     for choice in choices:
-        steps = tuple(costs.steps(choice))
-        rows.setdefault(LayerRow((0,) * len(steps), steps), choice.lambda_)
-    model, integers = _quantise(problem, curves, list(rows))
-    return Allocation(model, integers, [*list(rows.values())[:-1], problem.lambda_])
-
-
-def _quantise(
-    problem: RdoInput, curves: Sequence[RdCurve], rows: Sequence[LayerRow]
-) -> tuple[SceneModel, dict[Stream, I32]]:
-    """The model of `rows`, and the final integers of every channel that any class receives."""
-    classes = problem.classes.of
-    integers: dict[Stream, I32] = {}
-    used: list[int] = []
+        rows.setdefault(tuple(costs.steps(choice)), choice.lambda_)
+    last, used, integers = list(rows)[-1], list[int](), dict[Stream, I32]()
     for index, curve in enumerate(curves):
-        steps = np.array([row[index] for row in rows[-1].steps])
+        steps = np.array([row[index] for row in last])
         if not steps.any() and curve.stream not in _ALWAYS:
             continue
         used.append(index)
         values, weight = problem.values[curve.stream], problem.weights[curve.stream]
-        final = quantise_channel(values, weight, classes, (curve.step, steps), problem.lambda_)
-        integers[curve.stream] = final
+        received = curve.step, steps
+        integers[curve.stream] = quantise_channel(values, weight, problem.classes.of, received, problem.lambda_)
     channels = tuple(Channel(curves[i].stream, curves[i].step) for i in used)
-    kept = tuple(LayerRow(row.stages, tuple(tuple(s[i] for i in used) for s in row.steps)) for row in rows)
-    return SceneModel(problem.profile, problem.slots, channels, kept), integers
+    kept = tuple(LayerRow((0,) * len(row), tuple(tuple(steps[i] for i in used) for steps in row)) for row in rows)
+    model = SceneModel(problem.profile, problem.slots, channels, kept)
+    return Allocation(model, integers, [*list(rows.values())[:-1], problem.lambda_])
 
 
 def quantise_channel(
@@ -87,3 +85,75 @@ def quantise_channel(
     if not steps.all():
         final *= (steps > 0)[classes, None]
     return final
+
+
+def assemble_scene(
+    problem: RdoInput,
+    allocation: Allocation,
+    metadata: Mapping[str, Any],
+    mlps: tuple[QuantisedMlp, ...] = (),
+    slot_layers: I64 | None = None,
+) -> QuantisedScene:
+    """All integers of a file.
+
+    Args:
+        metadata: JSON-able annotations.
+        mlps: opacity, covariance and colour networks of the anchor profile.
+        slot_layers: (N, K) layer that turns each slot on, 0 for never; None in the explicit profile.
+    """
+    model, placement = allocation.model, problem.placement
+    return QuantisedScene(
+        fields=header_fields(problem),
+        model=model,
+        tiles=placement.tiles,
+        contents=cut_contents(model, placement, problem.classes.of, allocation.integers, slot_layers),
+        decoder=problem.decoder if model.channel_index(Stream.LATENT) is not None else None,
+        scene_mlps=mlps,
+        metadata=dict(metadata),
+    )
+
+
+def header_fields(problem: RdoInput) -> HeaderFields:
+    """The header fields that hold for the whole scene."""
+    lattice = problem.placement.lattice
+    return HeaderFields(
+        problem.profile,
+        problem.sh_degree,
+        problem.slots,
+        lattice.bits,
+        lattice.origin,
+        lattice.voxel,
+        problem.source_count,
+        CoordinateFrame.RDF,
+        problem.description.colour_space or ColourSpace.SRGB,
+        problem.description.render_model,
+    )
+
+
+def cut_contents(
+    model: SceneModel,
+    placement: Placement,
+    classes: I64,
+    integers: Mapping[Stream, I32],
+    slot_layers: I64 | None = None,
+) -> tuple[TileContent, ...]:
+    """Tile contents in normative order (SPEC §6.3): by tile, layer of first appearance, Morton code, class.
+
+    Args:
+        placement: of N anchors.
+        classes: (N,).
+        integers: (N, components) int32 quantised values per channel.
+        slot_layers: as :func:`assemble_scene` has it.
+    """
+    appears = np.searchsorted([row.class_count for row in model.layers], classes, side="right")
+    order = np.lexsort((classes, placement.codes, appears, placement.tile))
+    edges = np.cumsum(np.bincount(placement.tile, minlength=len(placement.tiles)))[:-1]
+    contents = []
+    for here in np.split(order, edges):
+        content = TileContent.empty(model, len(here))
+        content.codes, content.classes = placement.codes[here], classes[here]
+        content.values = [integers[channel.stream][here] for channel in model.channels]
+        if slot_layers is not None:
+            content.slot_layers = slot_layers[here]
+        contents.append(content)
+    return tuple(contents)

@@ -93,7 +93,7 @@ def rank_with_colour(absence: F64, colour: F64, share: float, least: float, shif
     sent = absence > least
     if share == 0 or not sent.any():
         return absence
-    logs, tints = np.log(absence[sent]), _log_colour(colour[sent])
+    logs, tints = np.log(absence[sent]), np.log(np.maximum(colour[sent], 1e-300))
     ranked = absence.copy()
     shift = measure_colour_shift(absence, colour, least) if shift is None else shift
     ranked[sent] = np.exp((1 - share) * logs + share * (tints + shift))
@@ -106,11 +106,7 @@ def measure_colour_shift(absence: F64, colour: F64, least: float) -> float:
     sent = absence > least
     if not sent.any():
         return 0.0
-    return float(np.log(absence[sent]).mean() - _log_colour(colour[sent]).mean())
-
-
-def _log_colour(colour: F64) -> F64:
-    return np.asarray(np.log(np.maximum(colour, 1e-300)))
+    return float(np.log(absence[sent]).mean() - np.log(np.maximum(colour[sent], 1e-300)).mean())
 
 
 @dataclass(frozen=True, kw_only=True)

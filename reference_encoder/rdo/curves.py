@@ -227,20 +227,16 @@ def entropy_bits(symbols: I64, contexts: I64, kinds: int, classes: I64, scale: F
         return np.zeros(len(scale))
     low = symbols.min()
     span, tables = int(symbols.max() - low) + 1, classes * kinds + contexts
-    used, amounts = _count(tables * span + (symbols - low), len(scale) * kinds * span)
+    numbers = tables * span + (symbols - low)
+    if len(scale) * kinds * span > _MOST_BINS * len(numbers):
+        used, amounts = np.unique(numbers, return_counts=True)
+    else:
+        amounts = np.bincount(numbers)
+        used = np.flatnonzero(amounts)
+        amounts = amounts[used]
     ideal = amounts * np.log2(np.bincount(tables)[used // span] / amounts)
     of = used // (span * kinds)
     return scale * np.bincount(of, ideal, len(scale)) + TABLE_ENTRY_BITS * np.bincount(of, minlength=len(scale))
-
-
-def _count(numbers: I64, below: int) -> tuple[I64, I64]:
-    """(m,) the different ones among some numbers, and (m,) how often each is there."""
-    if below > _MOST_BINS * len(numbers):
-        used, amounts = np.unique(numbers, return_counts=True)
-        return used, amounts
-    counts = np.bincount(numbers)
-    used = np.flatnonzero(counts)
-    return used, counts[used]
 
 
 @dataclass(frozen=True)

@@ -106,33 +106,44 @@ class Placement:
     cell: F64
 
 
-def place(positions: F64, wanted_step: F64, tile_anchors: int | None = None) -> Placement:
-    """Tiles and cells for (N, 3) positions whose quantiser step should be about (N,) `wanted_step`."""
-    root = RootCube.around(positions.min(axis=0), positions.max(axis=0))
-    cubes = cut_tiles(root, positions, tile_anchors or default_tile_size(len(positions)))
-    bits = _local_bits(cubes, wanted_step, root)
-    return _place_anchors(positions, root, cubes, bits, int(max(1, (cubes.depth + bits).max())))
-
-
-def place_within(
+def place(
     positions: F64,
     wanted_step: F64,
-    root: RootCube,
-    lattice_bits: int,
-    tile_anchors: int,
+    tile_anchors: int | None = None,
+    root: RootCube | None = None,
+    lattice_bits: int | None = None,
     within: tuple[int, int] = EVERYWHERE,
 ) -> Placement:
-    """Place anchors as :func:`place` does, on a given lattice, with tiles inside an interval of the Morton order.
+    """Tiles and cells for N >= 1 anchors.
 
     Args:
-        positions: (N, 3), N >= 1, all in the interval.
-        lattice_bits: at least `MAX_TILE_DEPTH`.
-        tile_anchors: most anchors of a tile.
-        within: the first Morton code of `MAX_TILE_DEPTH` bits an axis, and the one past the last.
+        positions: (N, 3), all in the interval.
+        wanted_step: (N,) about what the quantiser step should be.
+        tile_anchors: most anchors of a tile; None for what is usual.
+        root: that tiles lie in; None for what these span.
+        lattice_bits: of the lattice, at least `MAX_TILE_DEPTH`; None for as many as give every tile the cells that it
+            wants.
+        within: no tile reaches beyond this interval of the Morton order: the first code of `MAX_TILE_DEPTH` bits an
+            axis, and the one past the last.
     """
-    cubes = cut_tiles(root, positions, tile_anchors, within)
-    bits = np.minimum(_local_bits(cubes, wanted_step, root), lattice_bits - cubes.depth)
-    return _place_anchors(positions, root, cubes, bits, lattice_bits)
+    root = root or RootCube.around(positions.min(axis=0), positions.max(axis=0))
+    cubes = cut_tiles(root, positions, tile_anchors or default_tile_size(len(positions)), within)
+    depth, tile, bits = cubes.depth, cubes.tile, _local_bits(cubes, wanted_step, root)
+    if lattice_bits is None:
+        lattice_bits = int(max(1, (depth + bits).max()))
+    bits = np.minimum(bits, lattice_bits - depth)
+    shift = lattice_bits - depth - bits
+    rows = zip(depth, shift, cubes.prefix, strict=True)
+    tiles = tuple(Tile(int(d), int(s), int(p)) for d, s, p in rows)
+    lattice = Lattice(root.low, root.side / 2.0**lattice_bits, lattice_bits)
+    corner = deinterleave(cubes.prefix).astype(np.float64) * 2.0 ** (lattice_bits - depth)[:, None]
+    cell = np.exp2(shift.astype(np.float64))
+    local = ((positions - np.array(lattice.origin)) / lattice.voxel - corner[tile]) / cell[tile][:, None]
+    top = (2.0**bits)[tile][:, None]
+    inside = np.clip(np.floor(local), 0, top - 1)
+    residual = np.clip(local - inside - 0.5, -0.5, 0.5)
+    width: F64 = lattice.voxel * cell[tile]
+    return Placement(lattice, tiles, tile, interleave(inside.astype(np.uint64)), residual, width)
 
 
 def count_lattice_bits(positions: F64, wanted_step: F64, root: RootCube, tile_anchors: int) -> int:
@@ -210,20 +221,3 @@ def _local_bits(cubes: Cubes, wanted: F64, root: RootCube) -> I64:
     cell = np.maximum(cell, max(root.reach * RELATIVE_FLOOR, 1e-300))
     bits = np.ceil(np.log2(np.maximum(root.side / 2.0**depth / cell, 1.0))).astype(np.int64)
     return np.minimum(bits, np.minimum(MAX_LOCAL_BITS, MAX_LATTICE_BITS - depth))
-
-
-def _place_anchors(positions: F64, root: RootCube, cubes: Cubes, bits: I64, lattice_bits: int) -> Placement:
-    """Anchors in the cells of their tiles, which have so many `bits` an axis each."""
-    depth, tile = cubes.depth, cubes.tile
-    shift = lattice_bits - depth - bits
-    rows = zip(depth, shift, cubes.prefix, strict=True)
-    tiles = tuple(Tile(int(d), int(s), int(p)) for d, s, p in rows)
-    lattice = Lattice(root.low, root.side / 2.0**lattice_bits, lattice_bits)
-    corner = deinterleave(cubes.prefix).astype(np.float64) * 2.0 ** (lattice_bits - depth)[:, None]
-    cell = np.exp2(shift.astype(np.float64))
-    local = ((positions - np.array(lattice.origin)) / lattice.voxel - corner[tile]) / cell[tile][:, None]
-    top = (2.0**bits)[tile][:, None]
-    inside = np.clip(np.floor(local), 0, top - 1)
-    residual = np.clip(local - inside - 0.5, -0.5, 0.5)
-    width: F64 = lattice.voxel * cell[tile]
-    return Placement(lattice, tiles, tile, interleave(inside.astype(np.uint64)), residual, width)

@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cache, cached_property
 
 import numpy as np
@@ -99,6 +99,7 @@ class LayerCosts:
     absence: F64
     model_bits: float
     last: float
+    _offers: dict[tuple[float, bool], tuple[F64, F64]] = field(default_factory=dict, init=False, repr=False)
 
     @property
     def final(self) -> LayerChoice:
@@ -161,10 +162,6 @@ class LayerCosts:
     def _choices(self) -> StepChoices:
         return StepChoices.of(self.curves)
 
-    @cached_property
-    def _offers(self) -> dict[tuple[float, bool], tuple[F64, F64]]:
-        return {}
-
     def _offer(self, lambda_: float, latent: bool) -> tuple[F64, F64]:
         """(classes,) error left at a lambda, and bits taken, positions and labels among them; looked up once."""
         key = lambda_, latent
@@ -182,7 +179,7 @@ def predict_later_layers(first: LayerChoice, costs: LayerCosts, layers: int) -> 
         choices.append(show_whole(float(lambda_), max([choices[-1].shown, *(paying[-1:] + 1).tolist()])))
     choices.append(costs.final)
     bits = np.array([costs.bits(choice) for choice in choices])
-    between = _share_bits(bits[0], bits[-1], layers)[1:-1]
+    between = np.geomspace(max(bits[0], 1.0), max(bits[-1], 1.0), layers)[1:-1]
     kept = {int(np.argmin(np.abs(bits - budget))) for budget in between} - {0, len(bits) - 1}
     return [choices[0], *(choices[k] for k in sorted(kept)), costs.final]
 
@@ -289,7 +286,8 @@ def find_later_layers(costs: LayerCosts, metric: PreviewMetric, first: LayerChoi
     Each looks better than the one before by :data:`WORTH_DB`, the last included.
     """
     rate, choices = _rate_once(costs, metric), [first]
-    for budget in _share_bits(costs.bits(first), costs.bits(costs.final), layers)[1:-1]:
+    least, most = (max(costs.bits(choice), 1.0) for choice in (first, costs.final))
+    for budget in np.geomspace(least, most, layers)[1:-1].tolist():
         choice = _find_best(costs, rate, choices[-1], budget)
         if choice is not None and rate(choice) >= rate(choices[-1]) + WORTH_DB:
             choices.append(choice)
@@ -312,11 +310,6 @@ def _find_best(costs: LayerCosts, rate: Rating, before: LayerChoice, budget: flo
     while best > 0 and rate(choices[best - 1]) > rate(choices[best]):
         best -= 1
     return choices[best]
-
-
-def _share_bits(first: float, last: float, layers: int) -> list[float]:
-    """Bits up to each layer, growing by like factors."""
-    return [float(bits) for bits in np.geomspace(max(first, 1.0), max(last, 1.0), layers)]
 
 
 def price_layers(problem: RdoInput, curves: Sequence[RdCurve]) -> LayerCosts:
@@ -354,7 +347,10 @@ class LayeredInput:
 
 
 def layer_by_rule(problem: RdoInput, curves: Sequence[RdCurve], layers: int) -> LayeredInput:
-    """The content of at least two layers without a look at pictures: a first layer without holes, then others."""
+    """The content of layers without a look at pictures: a first layer without holes, then others; or all in one."""
+    if layers == 1:
+        last = price_layers(problem, curves).final
+        return LayeredInput(problem, curves, [last], last)
     first = predict_first_layer(price_layers(problem, curves), problem.base_share)
     problem, curves = split_classes(problem, curves, first.parts)
     costs = price_layers(problem, curves)
@@ -367,4 +363,5 @@ def split_classes(
     """With those classes split of which the first layer shows only some of the given parts."""
     if min(parts) == 1:
         return problem, curves
-    return problem.split(parts), [curve.split(parts) for curve in curves]
+    split = replace(problem, classes=problem.classes.split(parts))
+    return split, [curve.split(parts) for curve in curves]

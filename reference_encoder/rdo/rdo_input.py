@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import dataclass
 
 from reference_encoder.rdo.classes import Classes
 from reference_encoder.rdo.latent import Latent
@@ -56,7 +56,3 @@ class RdoInput:
     def decoder(self) -> QuantisedMlp | None:
         """Of the latents (SPEC §9.2)."""
         return None if self.latent is None else self.latent.decoder
-
-    def split(self, parts: Sequence[float]) -> RdoInput:
-        """The same with the given parts of the first classes as classes of their own, before the rest of those."""
-        return replace(self, classes=self.classes.split(parts))

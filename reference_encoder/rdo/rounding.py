@@ -33,19 +33,14 @@ def round_values(values: Floats, weight: F64, classes: I64, lambda_: float, unit
     heavy, out = np.broadcast_to(weight, values.shape), np.empty(values.shape, np.int32)
 
     def fill(component: int) -> None:
-        columns = values[:, component], heavy[:, component], steps[:, component]
-        _round_column(*columns, order, edges, lambda_, out[:, component])
+        value, weight, column = values[:, component], heavy[:, component], out[:, component]
+        for klass, unit in enumerate(steps[:, component]):
+            rows = order[edges[klass] : edges[klass + 1]]
+            if len(rows):
+                column[rows] = _round_class(value[rows] / unit, weight[rows] * unit**2, lambda_)
 
     deque(map_threads(fill, range(values.shape[1])), 0)
     return out
-
-
-def _round_column(values: Floats, weight: F64, units: F64, order: I64, edges: I64, lambda_: float, out: I32) -> None:
-    """Fill one component, class after class; `order` has the rows of class k from `edges[k]`."""
-    for klass, unit in enumerate(units):
-        rows = order[edges[klass] : edges[klass + 1]]
-        if len(rows):
-            out[rows] = _round_class(values[rows] / unit, weight[rows] * unit**2, lambda_)
 
 
 def _round_class(values: F64, weight: F64, lambda_: float) -> I64:

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from reference_encoder.thumbnail import draw_thumbnail, thumbnail_blocks
+from reference_encoder.opening_view import draw_thumbnail, thumbnail_blocks
 from scarfmt.arrays import F32
 from scarfmt.container.file import Block
 from scarfmt.container.schema import BlockKind

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from reference_encoder.importance.attributes import MIN_LOG_OPACITY, from_scene, lengthen_hidden_axes
+from reference_encoder.importance.attributes import MIN_LOG_OPACITY, from_scene, visible_attributes
 from scarfmt.scene.gaussians import GaussianScene
 
 
@@ -29,11 +29,11 @@ def test_axes_hidden_in_a_pixel_are_as_long_as_that_and_others_stay() -> None:
     scales = np.array([[0.0, -1.0, -30.0], [0.0, -1.0, -2.0]], np.float32)
     colours = np.zeros((2, 1, 3), np.float32)
     turned = np.tile(np.array([1, 0, 0, 0], np.float32), (2, 1))
-    attributes = from_scene(GaussianScene(np.zeros((2, 3)), scales, turned, np.zeros(2, np.float32), colours))
-    found = lengthen_hidden_axes(attributes, np.array([0.01, 0.01], np.float32)).log_scales
+    scene = GaussianScene(np.zeros((2, 3)), scales, turned, np.zeros(2, np.float32), colours)
+    found = visible_attributes(scene, np.array([0.01, 0.01], np.float32)).log_scales
     assert np.array_equal(found[1], scales[1])
     assert np.array_equal(found[0, :2], scales[0, :2])
     # A hundredth of the variance of a blurred pixel, which is 0.4 pixels^2.
     assert np.isclose(np.exp(2 * found[0, 2]), 0.01 * 0.4 * 0.01**2)
-    far = lengthen_hidden_axes(attributes, np.array([np.inf, 0], np.float32)).log_scales
+    far = visible_attributes(scene, np.array([np.inf, 0], np.float32)).log_scales
     assert np.isfinite(far).all()

@@ -5,13 +5,13 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from reference_encoder.importance.draft import weigh_draft
-from reference_encoder.importance.view_sampling import SurveyViews
+from reference_encoder.importance.view_sampling import Views
+from reference_encoder.importance.weights import weigh_draft
 from scarfmt.render.viewpoints import Upright
 from tests.reference_encoder.importance.test_weights import of_sizes_and_opacities
 from tests.render.scenes import random_scene
 
-SURVEY = SurveyViews({}, {}, 1.0, Upright("-y"))
+SURVEY = Views({}, {}, 1.0, Upright("-y"))
 
 
 def test_weights_grow_with_size_and_opacity() -> None:

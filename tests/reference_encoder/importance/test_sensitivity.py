@@ -9,7 +9,7 @@ import pytest
 
 from reference_encoder.importance.attributes import from_scene
 from reference_encoder.importance.sensitivity import Sensitivity, measure_sensitivity
-from reference_encoder.importance.view_sampling import SurveyViews
+from reference_encoder.importance.view_sampling import Views
 from reference_encoder.importance.weights import KindWeights, weigh_scene
 from scarfmt.container.schema import Stream
 from scarfmt.render.camera import Camera, orbit_cameras
@@ -47,7 +47,7 @@ def model(scene: GaussianScene, cameras: list[Camera]) -> Sensitivity:
 
 def seen_from(scene: GaussianScene, cameras: list[Camera]) -> Sensitivity:
     """Sensitivities from some views, without the floor."""
-    weights = weigh_scene(scene, SurveyViews({"orbit": cameras}, {"orbit": 1.0}, 1.0, Upright("-y")))
+    weights = weigh_scene(scene, Views({"orbit": cameras}, {"orbit": 1.0}, 1.0, Upright("-y")))
     nothing = np.zeros(len(scene), np.float32)
     weights = replace(weights, floor=KindWeights(nothing, nothing))
     return measure_sensitivity(from_scene(scene), weights.shape, weights.colour, weights.pixel)

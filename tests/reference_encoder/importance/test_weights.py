@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from reference_encoder.importance.view_sampling import SurveyViews
+from reference_encoder.importance.view_sampling import Views
 from reference_encoder.importance.weights import weigh_scene
 from reference_encoder.tuning import SURVEY_POWER
 from scarfmt.render.rasterise import contributions_by_view
@@ -20,7 +20,7 @@ def test_weights_are_power_means_over_views_and_kinds() -> None:
     """A weight is a power mean over the views of each kind, and then over kinds by their shares."""
     scene, views = random_scene(4, 300), [small_camera(), small_camera(33, 20), small_camera(50, 60)]
     shares = {"orbit": 0.75, "near": 0.25}
-    found = weigh_scene(scene, SurveyViews({"orbit": views[:2], "near": views[2:]}, shares, 1.0, Upright("-y")))
+    found = weigh_scene(scene, Views({"orbit": views[:2], "near": views[2:]}, shares, 1.0, Upright("-y")))
     single = np.zeros((len(views), len(scene)))
     for weights, view, seen in zip(single, views, contributions_by_view(scene, views), strict=True):
         weights[seen.index] = seen.weight_sq / (3 * view.width * view.height)
@@ -39,7 +39,7 @@ def test_what_nobody_sees_weighs_the_floor() -> None:
     """Behind every view: the floor, which grows with opacity and size; transparent ones weigh nothing."""
     scene = of_sizes_and_opacities()
     hidden = replace(scene, positions=scene.positions * 0 - np.array([0, 0, 100.0]))
-    found = weigh_scene(hidden, SurveyViews({"orbit": [small_camera()]}, {"orbit": 1.0}, 1.0, Upright("-y")))
+    found = weigh_scene(hidden, Views({"orbit": [small_camera()]}, {"orbit": 1.0}, 1.0, Upright("-y")))
     assert found.largest.max() == 0
     small, large, faint, transparent = found.shape
     assert large == pytest.approx(4 * small, rel=0.05)

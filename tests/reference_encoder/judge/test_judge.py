@@ -7,13 +7,20 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from reference_encoder.importance.view_sampling import BESIDE, GIVEN, sample_views
+from reference_encoder.importance.view_sampling import (
+    BESIDE,
+    GIVEN,
+    Views,
+    ViewSet,
+    judging_views,
+    sample_views,
+    views_of_kind,
+)
 from reference_encoder.judge.quality import Judge, Quality, cap_db, draw_gaussians
-from reference_encoder.judge.views import Views, ViewSet, judging_views, views_of_kind
 from reference_encoder.options import EFFORTS, EncodeOptions
 from reference_encoder.tuning import JUDGED_SHARES, LEAST_JUDGED_VIEWS
 from scarfmt.render.camera import Camera, look_at, orbit_cameras
-from scarfmt.render.viewpoints import KINDS, resolved
+from scarfmt.render.viewpoints import KINDS, Upright, resolved
 from scarfmt.scene.gaussians import GaussianScene
 from tests.render.scenes import random_scene
 
@@ -30,8 +37,12 @@ def _views(scene: GaussianScene, options: EncodeOptions, sight: ViewSet, count: 
     return judging_views(scene, options, resolved(scene, options.frame), sight, count)
 
 
+def _outside(*cameras: Camera) -> Views:
+    return Views({"orbit": cameras}, {"orbit": 1.0}, 1.0, Upright("-y"))
+
+
 def _poses(views: Views) -> set[bytes]:
-    return {camera.world_to_camera.tobytes() for cameras in views.cameras.values() for camera in cameras}
+    return {camera.world_to_camera.tobytes() for camera in views.cameras}
 
 
 @pytest.mark.parametrize("options", [EncodeOptions(effort=1), EncodeOptions(effort=2, frame="-y:90:40")])
@@ -56,7 +67,7 @@ def test_kinds_of_places_count_by_shares_and_cameras_as_in_the_survey(scene: Gau
     for options in (EncodeOptions(), EncodeOptions(cameras=cameras), EncodeOptions(cameras=cameras, only_cameras=True)):
         views = _views(scene, options, ViewSet.TUNING)
         surveyed = sample_views(scene, options).shares
-        assert set(views.cameras) == set(views.shares) == set(surveyed)
+        assert set(views.views) == set(views.shares) == set(surveyed)
         assert sum(views.shares.values()) == pytest.approx(1)
         everywhere = sum(views.shares.get(kind, 0.0) for kind in KINDS)
         assert all(views.shares.get(kind, 0.0) == pytest.approx(everywhere * JUDGED_SHARES[kind]) for kind in KINDS)
@@ -67,7 +78,7 @@ def test_photos_for_tests_are_left_to_tests(scene: GaussianScene) -> None:
     """If a camera list has a test split, only the other cameras are judging views."""
     here, there = orbit_cameras(scene, 2)
     options = EncodeOptions(cameras=[here, replace(there, split="test")])
-    for camera in _views(scene, options, ViewSet.TUNING).cameras["given"]:
+    for camera in _views(scene, options, ViewSet.TUNING).views["given"]:
         assert np.linalg.norm(camera.centre - here.centre) < np.linalg.norm(camera.centre - there.centre)
 
 
@@ -101,12 +112,12 @@ def test_views_that_show_nothing_do_not_count(scene: GaussianScene) -> None:
     def seen(towards: int) -> Camera:
         return look_at(np.array([0.0, 0, -9]), np.array([0.0, 0, -9 + towards]), UP, 40, 30)
 
-    views = Views({"orbit": [seen(1), seen(-1)], "near": [seen(-1)]}, {"orbit": 0.5, "near": 0.5})
+    views = Views({"orbit": [seen(1), seen(-1)], "near": [seen(-1)]}, {"orbit": 0.5, "near": 0.5}, 1.0, Upright("-y"))
     judge = Judge.of(scene, draw_gaussians, views)
     found = judge.quality(replace(scene, sh=(scene.sh * np.float32(0.9))))
     assert len(found) == 1
     assert np.isfinite(found.mean_db)
-    nothing = Judge.of(scene, draw_gaussians, Views({"near": [seen(-1)]}, {"near": 1.0})).quality(scene)
+    nothing = Judge.of(scene, draw_gaussians, _outside(seen(-1))).quality(scene)
     assert nothing.mean_db == nothing.worst_db == nothing.low_db == np.inf
     assert nothing.figures() == {"views": 0, "kinds": {}}
 
@@ -119,8 +130,8 @@ def test_views_of_next_to_nothing_do_not_count(scene: GaussianScene) -> None:
 
     near, far = seen(4), seen(400)
     assert draw_gaussians(scene)(far).any()
-    assert len(Judge.of(scene, draw_gaussians, Views({"orbit": [near, far]}, {"orbit": 1.0})).quality(scene)) == 1
-    assert len(Judge.of(scene, draw_gaussians, Views({"orbit": [far]}, {"orbit": 1.0})).quality(scene)) == 1
+    assert len(Judge.of(scene, draw_gaussians, _outside(near, far)).quality(scene)) == 1
+    assert len(Judge.of(scene, draw_gaussians, _outside(far)).quality(scene)) == 1
 
 
 @pytest.mark.parametrize(("low", "lacking"), [(40.0, 0.0), (39.0, 1.0), (30.0, 1.5)])

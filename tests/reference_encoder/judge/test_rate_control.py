@@ -7,8 +7,13 @@ import math
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from reference_encoder.judge.rate_control import RateControl, next_target
+from reference_encoder.judge.rate_control import converge, next_target
+from reference_encoder.options import EncodeOptions
 from reference_encoder.tuning import FIRST_SLOPE, SURE_DB, TOLERANCE_DB
+
+
+def _options(asked: float, corrections: int) -> EncodeOptions:
+    return EncodeOptions(quality=asked, corrections=corrections)
 
 
 @given(asked=st.floats(25, 60), offset=st.floats(-4, 10), slope=st.floats(0.9, 1.3), bend=st.floats(-0.01, 0.01))
@@ -22,7 +27,7 @@ def test_corrections_reach_what_was_asked(asked: float, offset: float, slope: fl
 
     # Corrections go 15 dB down and 6 dB up, no further: what lies beyond is not reached.
     assume(gives(asked - 15) <= asked <= gives(asked + 6))
-    found = RateControl(asked, 8, asked, SURE_DB).converge(lambda aim: aim, gives)
+    found = converge(_options(asked, 8), lambda aim: aim, gives)
     assert abs(gives(found) - asked) <= 1
 
 
@@ -35,7 +40,7 @@ def test_no_more_attempts_than_corrections() -> None:
         attempts.append(aim)
         return aim
 
-    assert RateControl(40.0, 1, 40.0, SURE_DB).converge(attempt, lambda aim: 45.0 if aim == 40 else 33.0) == 40.0
+    assert converge(_options(40.0, 1), attempt, lambda aim: 45.0 if aim == 40 else 33.0) == 40.0
     assert attempts == [40.0, 40 - 5 / FIRST_SLOPE]
 
 
@@ -47,9 +52,9 @@ def test_nobody_looks_after_a_small_step() -> None:
         looks.append(aim)
         return aim + SURE_DB
 
-    assert RateControl(40.0, 3, 40.0, SURE_DB).converge(lambda aim: aim, look) == 40.0 - SURE_DB / FIRST_SLOPE
+    assert converge(_options(40.0, 3), lambda aim: aim, look) == 40.0 - SURE_DB / FIRST_SLOPE
     assert looks == [40.0]
-    assert RateControl(40.0, 0, 40.0, SURE_DB).converge(lambda aim: aim, look) == 40.0
+    assert converge(_options(40.0, 0), lambda aim: aim, look) == 40.0
     assert looks == [40.0]
 
 

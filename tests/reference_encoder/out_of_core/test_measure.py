@@ -10,11 +10,11 @@ from functools import lru_cache
 import numpy as np
 import pytest
 
+from reference_encoder.importance.view_sampling import ViewSet
 from reference_encoder.importance.view_sampling import sample_views as survey_views
 from reference_encoder.importance.weights import weigh_scene
 from reference_encoder.judge.quality import Judge, cap_db, draw_gaussians
 from reference_encoder.judge.reconstruct import reconstruct_gaussians
-from reference_encoder.judge.views import ViewSet
 from reference_encoder.out_of_core import judge as judging
 from reference_encoder.out_of_core import measure as module
 from reference_encoder.out_of_core.fit import apply

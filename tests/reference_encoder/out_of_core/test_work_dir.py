@@ -15,7 +15,7 @@ import fsspec
 import numpy as np
 import pytest
 
-from reference_encoder.judge.views import ViewSet
+from reference_encoder.importance.view_sampling import ViewSet
 from reference_encoder.options import EncodeOptions
 from reference_encoder.out_of_core.work_dir import (
     LOCK,

@@ -12,7 +12,7 @@ from reference_decoder.anchors import gaussians
 from reference_decoder.decode import decode
 from reference_encoder.encode import EncodeOptions, encode
 from reference_encoder.importance.anchor_sensitivity import measure_anchors
-from reference_encoder.importance.view_sampling import GIVEN, SurveyViews
+from reference_encoder.importance.view_sampling import GIVEN, Views
 from scarfmt.container.source import BytesSource
 from scarfmt.formats import load
 from scarfmt.render.camera import Camera, look_at
@@ -106,7 +106,7 @@ def test_slots_turn_on_over_the_layers_the_most_visible_first() -> None:
     assert 0.1 * ever.sum() < early.sum() < 0.6 * ever.sum()
     source = nearest(model.anchors, first.anchors)
     seen = measure_anchors(
-        model, SurveyViews({GIVEN: cameras}, {GIVEN: 1.0}, 1.0, Upright("-y")), 0, lambda _fraction: None
+        model, Views({GIVEN: cameras}, {GIVEN: 1.0}, 1.0, Upright("-y")), 0, lambda _fraction: None
     ).shape[source]
     assert np.median(seen[early]) > 3 * np.median(seen[ever & ~early])
 
