@@ -146,6 +146,7 @@ class Trial:
         return self.profile.quantise(problem, allocate(problem, self.layered.curves, self.layered.choices))
 
 
+@dataclass
 class Encoder:
     """The stages after measuring, repeated until pictures are as good as asked.
 
@@ -154,9 +155,8 @@ class Encoder:
         trials: so far.
     """
 
-    def __init__(self, profile: Profile[Any]) -> None:
-        self.profile = profile
-        self.trials = 0
+    profile: Profile[Any]
+    trials: int = 0
 
     def run(self) -> Trial:
         """The trial that is as good as asked, layers in place."""

@@ -28,13 +28,14 @@ _NUMBERS = "biuf"
 _HERE = "reference_encoder.out_of_core"
 _MODULES = {
     "reference_encoder.importance.view_sampling": "ViewSet Views",
+    "reference_encoder.importance.weights": "Weights",
     "reference_encoder.options": "EncodeOptions",
     f"{_HERE}.fit": "Fit LatentFit",
     f"{_HERE}.judge": "Pictures",
     f"{_HERE}.overview": "Overview",
     f"{_HERE}.scan": "Scanned",
     f"{_HERE}.tasks": "Scene",
-    f"{_HERE}.types": "Bounds Histograms Measured Models Range Rows",
+    f"{_HERE}.types": "Bounds Histograms Models Range Rows",
     "reference_encoder.rdo.classes": "ClassBounds",
     "reference_encoder.rdo.lattice": "RootCube",
     "reference_encoder.training.index_entropy": "Lesson",

@@ -73,14 +73,10 @@ def _boxes(scene: QuantisedScene, drawn: GaussianScene | AnchorModel) -> tuple[L
         low[number] = np.clip(np.floor(places.min(axis=0)), 0, 255)
         high[number] = np.clip(np.maximum(np.ceil(places.max(axis=0)) - 1, low[number]), 0, 255)
         margin = np.minimum(places - low[number], high[number] + 1.0 - places).min(axis=1) * side[number] / 256
-        out = _quantile(np.maximum(extents[part] - margin, 0), weight[part] + 1e-300)
+        sticking = np.maximum(extents[part] - margin, 0)
+        order = np.argsort(sticking, kind="stable")
+        total = np.cumsum(weight[part][order] + 1e-300)
+        out = float(sticking[order][min(int(np.searchsorted(total, _BULK * total[-1])), len(order) - 1)])
         if out > 0:
             reach[number] = np.clip(math.ceil(REACH_OF_SIDE + REACH_STEPS * math.log2(out / side[number])), 1, 255)
     return low, high, reach
-
-
-def _quantile(values: F64, weights: F64) -> float:
-    """The least value that is not exceeded by :data:`_BULK` of the weights."""
-    order = np.argsort(values, kind="stable")
-    total = np.cumsum(weights[order])
-    return float(values[order][min(int(np.searchsorted(total, _BULK * total[-1])), len(order) - 1)])

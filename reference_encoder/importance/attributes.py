@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from reference_encoder.tuning import BLUR_PX2, HIDDEN_SCALE
 from scarfmt.arrays import F64
-from scarfmt.container.schema import RenderModel, Stream
+from scarfmt.container.schema import RenderModel
 from scarfmt.scene.activation import colour_from_spherical_harmonics, log_opacities
 from scarfmt.scene.gaussians import GaussianScene
 from scarfmt.scene.rotation import normal_and_twist, sort_axes
@@ -53,25 +53,9 @@ class Attributes:
         """Degree of the spherical harmonics, 0..3."""
         return math.isqrt(self.rest.shape[1] // 3 + 1) - 1
 
-    def channel(self, stream: Stream) -> F64:
-        """(N, components) float64 values of a channel (not the position residual)."""
-        return {
-            Stream.SCALE: self.log_scales,
-            Stream.ROTATION: self.rotation,
-            Stream.OPACITY: self.log_opacity,
-            Stream.COLOUR: self.colour,
-        }[stream]
-
     def take(self, index: NDArray[np.integer]) -> Attributes:
         """The Gaussians at `index`, in that order."""
-        return Attributes(
-            self.positions[index],
-            self.log_scales[index],
-            self.rotation[index],
-            self.log_opacity[index],
-            self.colour[index],
-            self.rest[index],
-        )
+        return Attributes(*(values[index] for values in vars(self).values()))
 
 
 def from_scene(scene: GaussianScene) -> Attributes:

@@ -14,8 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from reference_encoder.importance.attributes import Attributes
+from reference_encoder.importance.weights import Weights
 from reference_encoder.tuning import ASPECT_CAP, BLUR_PX2, GAUSSIAN_ABSENCE, OPACITY_SHARE, SCALE_SHARE
-from scarfmt.arrays import F32, F64
+from scarfmt.arrays import F64
 from scarfmt.container.schema import Stream
 
 SH_C0 = 0.28209479177387814
@@ -41,14 +42,11 @@ class Sensitivity:
         return Sensitivity(channels, self.colour[index], self.absence[index])
 
 
-def measure_sensitivity(
-    attributes: Attributes, shape: NDArray[np.floating], colour: NDArray[np.floating], pixel: F32
-) -> Sensitivity:
-    """Sensitivities of all N Gaussians, from their (N,) weights (:mod:`reference_encoder.importance.weights`) and the
-    (N,) width of a pixel at each, world units."""
-    shapes, colours = shape.astype(np.float64), colour.astype(np.float64) * SH_C0**2
+def measure_sensitivity(attributes: Attributes, weights: Weights) -> Sensitivity:
+    """Sensitivities of all N Gaussians, from their weights."""
+    shapes, colours = weights.shape.astype(np.float64), weights.colour.astype(np.float64) * SH_C0**2
     variance = np.exp(2 * np.clip(attributes.log_scales, -40, 40))
-    blurred = variance + BLUR_PX2 * (pixel.astype(np.float64) ** 2)[:, None]
+    blurred = variance + BLUR_PX2 * (weights.pixel.astype(np.float64) ** 2)[:, None]
     visible = variance / blurred
 
     def aspect(a: int, b: int) -> F64:

@@ -10,7 +10,7 @@ of a plain mean, what a share f of the views shows counts 1/f times in those, an
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -24,7 +24,7 @@ from reference_encoder.tuning import (
     FLOOR_SHARE,
     SURVEY_POWER,
 )
-from scarfmt.arrays import F32, F64
+from scarfmt.arrays import F32, F64, I64, Floats
 from scarfmt.render.camera import DILATION_PX2, Camera
 from scarfmt.render.native.binding import MIN_ALPHA
 from scarfmt.render.projection import Drawable
@@ -37,69 +37,39 @@ PIXEL = 2 * math.tan(math.radians(FOV_DEG) / 2) / WIDTH
 
 
 @dataclass(frozen=True)
-class KindWeights:
-    """The weights of N Gaussians in the views of one kind: power means.
-
-    Attributes:
-        shape: (N,) float32 per squared relative change of the splat.
-        colour: (N,) float32 per squared change of its colour.
-    """
-
-    shape: F32
-    colour: F32
-
-
-@dataclass(frozen=True)
 class Weights:
-    """The weights of N Gaussians.
+    """The weights of N Gaussians, all kinds of views together, and no less than a floor.
 
     Attributes:
-        kinds: by kind of view.
-        shares: how much each kind counts; kinds may be weighed anew with others.
-        floor: what each weighs at least, seen or not.
+        shape: (N,) per squared relative change of the splat.
+        colour: (N,) per squared change of its colour.
         pixel: (N,) float32 width of a pixel at each, world units: geometric mean over the views, by weight.
         largest: (N,) float32 largest blending weight in any pixel, 0..0.99.
     """
 
-    kinds: Mapping[str, KindWeights]
-    shares: Mapping[str, float]
-    floor: KindWeights
+    shape: Floats
+    colour: Floats
     pixel: F32
     largest: F32
 
-    @property
-    def shape(self) -> F64:
-        """(N,) over all kinds, and no less than the floor."""
-        return self._combined(lambda kind: kind.shape)
-
-    @property
-    def colour(self) -> F64:
-        """(N,) over all kinds, and no less than the floor."""
-        return self._combined(lambda kind: kind.colour)
-
-    def _combined(self, of: Callable[[KindWeights], F32]) -> F64:
-        total = np.zeros(len(self.pixel))
-        for name, kind in self.kinds.items():
-            total += self.shares[name] * of(kind).astype(np.float64) ** SURVEY_POWER
-        return np.asarray(np.maximum(total ** (1 / SURVEY_POWER), of(self.floor)))
+    def take(self, rows: I64) -> Weights:
+        """Those of the Gaussians at `rows`, in that order."""
+        return Weights(*(values[rows] for values in vars(self).values()))
 
 
 class WeightSums:
     """Power sums over views of so many Gaussians.
 
     Attributes:
-        shape, colour: (N,) float64 sums of weights to the power.
+        shape, colour: (N,) float64 sums, over views of one kind, of weights to the power.
         log_pixel, weight: (N,) float64 sums over all kinds: logarithms of the width of a pixel by weight, and weights.
         largest: (N,) float32.
     """
 
     def __init__(self, count: int) -> None:
         self.log_pixel, self.weight, self.largest = np.zeros(count), np.zeros(count), np.zeros(count, np.float32)
-        self.start()
-
-    def start(self) -> None:
-        """Begin another kind."""
-        self.shape, self.colour = np.zeros(len(self.weight)), np.zeros(len(self.weight))
+        self.shape, self.colour = np.zeros(count), np.zeros(count)
+        self._shapes, self._colours = np.zeros(count), np.zeros(count)
 
     def add(self, seen: Contributions, positions: F64, camera: Camera, times: float = 1.0) -> None:
         """Add a view, the sums of its picture divided by the number of its samples, as so many views."""
@@ -114,16 +84,25 @@ class WeightSums:
         self.weight[index] += shape
         self.largest[index] = np.maximum(self.largest[index], seen.weight_max.astype(np.float32))
 
-    def means(self, views: float) -> KindWeights:
-        """Power means over as many views."""
-        shape, colour = ((total / max(views, 1)) ** (1 / SURVEY_POWER) for total in (self.shape, self.colour))
-        return KindWeights(shape.astype(np.float32), colour.astype(np.float32))
+    def end_kind(self, share: float, views: float) -> None:
+        """Go on to another kind: the power means over as many views of this one count so much."""
+        for whole, own in ((self._shapes, self.shape), (self._colours, self.colour)):
+            mean = ((own / max(views, 1)) ** (1 / SURVEY_POWER)).astype(np.float32)
+            whole += share * mean.astype(np.float64) ** SURVEY_POWER
+            own[:] = 0
 
-    def pixel(self, radius: float) -> F32:
-        """(N,) width of a pixel at each, world units; of those not seen, a usual one in a scene of that radius."""
+    def weights(self, radius: float, floor: tuple[F32, F32]) -> Weights:
+        """The weights of all kinds that ended.
+
+        Args:
+            radius: of the scene: Gaussians that are not seen have the pixel that is usual there.
+            floor: (N,) least weights of shape and of colour.
+        """
         usual = np.full(len(self.weight), np.log(FLOOR_DISTANCE * radius * PIXEL))
         logs = np.divide(self.log_pixel, self.weight, where=self.weight > 0, out=usual)
-        return np.asarray(np.exp(logs).astype(np.float32))
+        totals = zip((self._shapes, self._colours), floor, strict=True)
+        shape, colour = (np.maximum(total ** (1 / SURVEY_POWER), least) for total, least in totals)
+        return Weights(shape, colour, np.exp(logs).astype(np.float32), self.largest)
 
 
 def pixel_angle(camera: Camera) -> float:
@@ -137,16 +116,14 @@ def weigh_scene(scene: GaussianScene, survey: Views, report: Callable[[float], N
     Args:
         report: receives the part of the views that are done.
     """
-    drawable, sums, kinds, done = Drawable.of(scene), WeightSums(len(scene)), {}, 0
+    drawable, sums, done = Drawable.of(scene), WeightSums(len(scene)), 0
     for kind, cameras in survey.views.items():
-        sums.start()
         for camera, seen in zip(cameras, contributions_by_view(drawable, cameras), strict=True):
             sums.add(seen, scene.positions, camera)
             done += 1
             report(done / len(survey.cameras))
-        kinds[kind] = sums.means(len(cameras))
-    floor = weigh_unoccluded(scene, FLOOR_DISTANCE * survey.radius, len(scene))
-    return Weights(kinds, survey.shares, floor, sums.pixel(survey.radius), sums.largest)
+        sums.end_kind(survey.shares[kind], len(cameras))
+    return sums.weights(survey.radius, weigh_unoccluded(scene, FLOOR_DISTANCE * survey.radius, len(scene)))
 
 
 def weigh_draft(scene: GaussianScene, survey: Views) -> Weights:
@@ -157,19 +134,19 @@ def weigh_draft(scene: GaussianScene, survey: Views) -> Weights:
         survey: without views; of the whole scene.
     """
     near = FLOOR_DISTANCE * survey.radius
-    floor = weigh_unoccluded(scene, near, DRAFT_GAUSSIANS)
-    return Weights({}, {}, floor, np.full(len(scene), near * PIXEL, np.float32), np.ones(len(scene), np.float32))
+    shape, colour = (each.astype(np.float64) for each in weigh_unoccluded(scene, near, DRAFT_GAUSSIANS))
+    return Weights(shape, colour, np.full(len(scene), near * PIXEL, np.float32), np.ones(len(scene), np.float32))
 
 
-def weigh_unoccluded(scene: GaussianScene, distance: float, count: int) -> KindWeights:
-    """A share of what each Gaussian would weigh with nothing in front of it, so far away, world units.
+def weigh_unoccluded(scene: GaussianScene, distance: float, count: int) -> tuple[F32, F32]:
+    """(N,) weights of shape and of colour: a share of what each would weigh with nothing in front of it.
 
     A splat of opacity o whose ellipse has the area pi s t covers o^2 pi s t of squared weights; seen from all sides,
     its two longest axes show about two thirds of that. It contrasts by `FLOOR_CONTRAST` with what is behind.
 
     Args:
         scene: of Gaussians.
-        distance: world units.
+        distance: so far away, world units.
         count: Gaussians of the whole scene.
     """
     width = distance * PIXEL
@@ -180,4 +157,4 @@ def weigh_unoccluded(scene: GaussianScene, distance: float, count: int) -> KindW
     covered = np.minimum(np.pi * 2 / 3 * area, WIDTH * HEIGHT) * opacity**2 * (opacity >= MIN_ALPHA)
     share = FLOOR_SHARE * min(1.0, count / FLOOR_GAUSSIANS)
     weight = share * covered / (3 * WIDTH * HEIGHT)
-    return KindWeights((FLOOR_CONTRAST**2 * weight).astype(np.float32), weight.astype(np.float32))
+    return (FLOOR_CONTRAST**2 * weight).astype(np.float32), weight.astype(np.float32)

@@ -8,8 +8,9 @@ import numpy as np
 
 from reference_encoder.importance.attributes import Attributes, visible_attributes
 from reference_encoder.importance.sensitivity import Sensitivity, measure_sensitivity
+from reference_encoder.importance.weights import Weights
 from reference_encoder.out_of_core.overview import Overview
-from reference_encoder.out_of_core.types import Measured, Range
+from reference_encoder.out_of_core.types import Range
 from reference_encoder.profiles.explicit import gaussian_channels, log_extent, view_dependent, wanted_step
 from reference_encoder.rdo.allocation import cut_contents, quantise_channel
 from reference_encoder.rdo.classes import ClassBounds, Classes, rank_by_coverage, rank_with_colour
@@ -96,7 +97,7 @@ def ranked(seen: Sensitivity, lambda_: float, shift: float, sh_degree: int) -> F
 
 
 def apply(
-    overview: Overview, fit: Fit, part: Range, scene: GaussianScene, measured: Measured
+    overview: Overview, fit: Fit, part: Range, scene: GaussianScene, measured: Weights
 ) -> tuple[QuantisedScene, I64]:
     """Tiles and all integers of a range, and its losses (:class:`Histograms`).
 
@@ -108,7 +109,7 @@ def apply(
         A range of which nothing is worth sending has no tiles.
     """
     attributes = visible_attributes(scene, measured.pixel)
-    seen = measure_sensitivity(attributes, measured.shape, measured.colour, measured.pixel)
+    seen = measure_sensitivity(attributes, measured)
     every = fit.classes.classify(ranked(seen, fit.lambda_, fit.shift, overview.bounds.sh_degree))
     left_out, invisible = every < 0, measured.largest < INVISIBLE_WEIGHT
     gone = int((left_out & invisible).sum()), int((left_out & ~invisible).sum())

@@ -62,7 +62,7 @@ def prepare_sample(overview: Overview, samples: Sequence[Sample]) -> Prepared:
     """Collect what is fitted to, from the samples of all ranges."""
     scene, measured = concatenate_samples(samples)
     attributes = visible_attributes(scene, measured.pixel)
-    seen = measure_sensitivity(attributes, measured.shape, measured.colour, measured.pixel)
+    seen = measure_sensitivity(attributes, measured)
     return attributes, seen, overview.bounds.count / len(scene)
 
 

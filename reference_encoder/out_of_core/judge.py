@@ -14,12 +14,13 @@ from functools import partial
 import numpy as np
 
 from reference_encoder.importance.view_sampling import ViewSet
+from reference_encoder.importance.weights import Weights
 from reference_encoder.judge.quality import Quality, cap_db, shows_something
 from reference_encoder.judge.reconstruct import reconstruct_gaussians
 from reference_encoder.out_of_core.fit import Fit, apply
-from reference_encoder.out_of_core.measure import find_meeting_views, take_rows
+from reference_encoder.out_of_core.measure import find_meeting_views
 from reference_encoder.out_of_core.overview import Overview
-from reference_encoder.out_of_core.types import Measured, Range
+from reference_encoder.out_of_core.types import Range
 from reference_encoder.tuning import JUDGED_ROWS, LEAST_COVER
 from scarfmt.arrays import F32, F64, I64
 from scarfmt.render.rasterise import render, render_with
@@ -42,7 +43,7 @@ class Pictures:
 
     view_set: ViewSet
     scene: GaussianScene
-    measured: Measured
+    measured: Weights
     runs: tuple[int, int]
     views: I64
     pictures: Sequence[F32]
@@ -60,7 +61,7 @@ def choose_piece(overview: Overview, part: Range, scene: GaussianScene) -> tuple
 
 
 def render_pictures(
-    overview: Overview, part: Range, scene: GaussianScene, measured: Measured, view_set: ViewSet = ViewSet.TUNING
+    overview: Overview, part: Range, scene: GaussianScene, measured: Weights, view_set: ViewSet = ViewSet.TUNING
 ) -> Pictures:
     """Pictures of the source to judge a range by.
 
@@ -70,7 +71,7 @@ def render_pictures(
         view_set: which views.
     """
     rows, runs = choose_piece(overview, part, scene)
-    scene, measured = scene.take(rows), take_rows(measured, rows)
+    scene, measured = scene.take(rows), measured.take(rows)
     cameras, drawable = overview.views[view_set].cameras, overview.drawn(part, scene, runs)
     views = find_meeting_views(cameras, scene)
     looked = [cameras[number] for number in views]

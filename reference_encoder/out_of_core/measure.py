@@ -14,7 +14,7 @@ import numpy as np
 
 from reference_encoder.importance.weights import Weights, WeightSums, weigh_draft, weigh_unoccluded
 from reference_encoder.out_of_core.overview import Overview, sample_evenly
-from reference_encoder.out_of_core.types import Measured, Range, Sample
+from reference_encoder.out_of_core.types import Range, Sample
 from reference_encoder.tuning import (
     CLASS_COLOUR_SHARE,
     FLOOR_DISTANCE,
@@ -103,7 +103,7 @@ def _inside(middle: F64, reach: F64, size: int) -> F64:
     return np.asarray(np.clip(width / (2 * reach), 0, 1))
 
 
-def measure(overview: Overview, part: Range, scene: GaussianScene) -> Measured:
+def measure(overview: Overview, part: Range, scene: GaussianScene) -> Weights:
     """Weigh the Gaussians of a range from some of the scene's views, above all from those that tell most of it.
 
     Args:
@@ -113,24 +113,22 @@ def measure(overview: Overview, part: Range, scene: GaussianScene) -> Measured:
     """
     looked, effort = overview.survey, overview.options.effort
     if not looked.cameras:
-        return _measured(weigh_draft(scene, looked))
-    drawable, sums, kinds = overview.drawn(part, scene), WeightSums(len(scene)), {}
+        return _in_binary32(weigh_draft(scene, looked))
+    drawable, sums = overview.drawn(part, scene), WeightSums(len(scene))
     few = sample_rows(scene)
     for kind, cameras in looked.views.items():
-        sums.start()
         most = RANGE_ORBITS if kind == "orbit" else RANGE_VIEWS
         numbers, times = sample_views(estimate_shares(few, cameras), most[effort])
         chosen = [cameras[number] for number in numbers]
         for camera, seen, stands_for in zip(chosen, contributions_by_view(drawable, chosen), times, strict=True):
             sums.add(_own(seen, len(scene)), scene.positions, camera, stands_for)
-        kinds[kind] = sums.means(len(cameras))
+        sums.end_kind(looked.shares[kind], len(cameras))
     floor = weigh_unoccluded(scene, FLOOR_DISTANCE * looked.radius, overview.bounds.count)
-    return _measured(Weights(kinds, looked.shares, floor, sums.pixel(looked.radius), sums.largest))
+    return _in_binary32(sums.weights(looked.radius, floor))
 
 
-def _measured(weights: Weights) -> Measured:
-    shape, colour = weights.shape.astype(np.float32), weights.colour.astype(np.float32)
-    return Measured(shape, colour, weights.pixel, weights.largest)
+def _in_binary32(weights: Weights) -> Weights:
+    return Weights(*(values.astype(np.float32) for values in vars(weights).values()))
 
 
 def find_meeting_views(cameras: Sequence[Camera], scene: GaussianScene) -> I64:
@@ -151,7 +149,7 @@ def _own(seen: Contributions, count: int) -> Contributions:
     return replace(seen, **{name: values[:own] for name, values in vars(seen).items()})
 
 
-def sample_range(overview: Overview, part: Range, scene: GaussianScene, measured: Measured) -> Sample:
+def sample_range(overview: Overview, part: Range, scene: GaussianScene, measured: Weights) -> Sample:
     """Gaussians of a range: of every range the same share, and of each level of importance, evenly spread in space.
 
     The few that weigh most open classes of their own, so that each range sends one of its highest level.
@@ -164,10 +162,10 @@ def sample_range(overview: Overview, part: Range, scene: GaussianScene, measured
     order = np.lexsort((overview.bounds.paths(scene.positions), -importance_levels(measured, scene.sh_degree)))
     step = max(overview.bounds.count / SAMPLE_ROWS, 1.0)
     chosen = order[np.arange(0, len(order), step).astype(np.int64)]
-    return scene.take(chosen), take_rows(measured, chosen)
+    return scene.take(chosen), measured.take(chosen)
 
 
-def importance_levels(measured: Measured, sh_degree: int) -> I64:
+def importance_levels(measured: Weights, sh_degree: int) -> I64:
     """(n,) about the classes of importance that Gaussians will be in, the highest the most important."""
     share = CLASS_COLOUR_SHARE if sh_degree else 0.0
     shape, colour = (np.log(np.maximum(each.astype(np.float64), 1e-30)) for each in (measured.shape, measured.colour))
@@ -175,13 +173,8 @@ def importance_levels(measured: Measured, sh_degree: int) -> I64:
     return found
 
 
-def take_rows(measured: Measured, chosen: I64) -> Measured:
-    """Select some Gaussians."""
-    return Measured(*(values[chosen] for values in vars(measured).values()))
-
-
 def concatenate_samples(samples: Sequence[Sample]) -> Sample:
     """The samples of several ranges as one."""
     parts = [vars(measured).values() for _, measured in samples]
-    measured = Measured(*(np.concatenate(columns) for columns in zip(*parts, strict=True)))
+    measured = Weights(*(np.concatenate(columns) for columns in zip(*parts, strict=True)))
     return concatenate([scene for scene, _ in samples]), measured

@@ -5,7 +5,7 @@
     bin            each chunk    rows          of each range in one place
     summarise      each range    two scenes    rows that tell where the scene is, and few Gaussians that stand for all
     overview       all summaries Overview      up axis, views, what is drawn in place of ranges elsewhere
-    measure        each range    Measured      importance of each of its Gaussians in pictures
+    measure        each range    Weights       importance of each of its Gaussians in pictures
                                  Sample        some of its Gaussians, with their importance
     pictures       some ranges   Pictures      of the source, to judge by; which ranges: `Overview.judging`
     fit            all samples   Fit           all that is decided for the whole scene, at one lambda
@@ -26,8 +26,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from reference_encoder.importance.weights import Weights
 from reference_encoder.rdo.lattice import RootCube
-from scarfmt.arrays import F32, F64, I64, U8, U64
+from scarfmt.arrays import F64, I64, U8, U64
 from scarfmt.coding.writer import Histogram, RecordedTile
 from scarfmt.container.directory import Table, Tile
 from scarfmt.container.file import Block
@@ -81,24 +82,7 @@ class Range:
     count: int
 
 
-@dataclass(frozen=True)
-class Measured:
-    """Weights of the n Gaussians of a range in pictures, all kinds of views together.
-
-    Attributes:
-        shape: (n,) float32 per squared relative change of the splat.
-        colour: (n,) float32 per squared change of its colour.
-        pixel: (n,) float32 width of a pixel at each, world units.
-        largest: (n,) float32 largest blending weight in any pixel.
-    """
-
-    shape: F32
-    colour: F32
-    pixel: F32
-    largest: F32
-
-
-Sample = tuple[GaussianScene, Measured]
+Sample = tuple[GaussianScene, Weights]
 """Some Gaussians of a range, of every range the same share, and what they weigh."""
 
 

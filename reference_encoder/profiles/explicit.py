@@ -41,7 +41,6 @@ from scarfmt.scene.gaussians import GaussianScene
 
 ENCODE_REPORT = "survey"
 """The member of METADATA that :func:`report_encoding` makes."""
-_CHANNELS = (Stream.SCALE, Stream.ROTATION, Stream.OPACITY, Stream.COLOUR)
 
 
 @dataclass(frozen=True)
@@ -78,7 +77,7 @@ class ExplicitProfile:
         else:
             weights = weigh_draft(scene, views)
         attributes = visible_attributes(scene, weights.pixel)
-        sensitivity = measure_sensitivity(attributes, weights.shape, weights.colour, weights.pixel)
+        sensitivity = measure_sensitivity(attributes, weights)
         options = replace(options, frame=views.up.up)
         return cls(scene, attributes, views, weights, sensitivity, options, report)
 
@@ -172,8 +171,13 @@ def gaussian_channels(
     attributes: Attributes, seen: Sensitivity, placement: Placement, latent: Latent | None
 ) -> tuple[dict[Stream, Floats], dict[Stream, F64], dict[Stream, tuple[float, ...]]]:
     """Values, weights and coarsest steps of the channels of Gaussians that lie there, in coding order."""
-    values: dict[Stream, Floats] = {Stream.POSITION_RESIDUAL: placement.residual}
-    values |= {stream: attributes.channel(stream) for stream in _CHANNELS}
+    values: dict[Stream, Floats] = {
+        Stream.POSITION_RESIDUAL: placement.residual,
+        Stream.SCALE: attributes.log_scales,
+        Stream.ROTATION: attributes.rotation,
+        Stream.OPACITY: attributes.log_opacity,
+        Stream.COLOUR: attributes.colour,
+    }
     weights = {stream: SHAPE_SHARE.get(stream, 1.0) * s for stream, s in seen.channels.items()}
     weights[Stream.POSITION_RESIDUAL] = weights[Stream.POSITION_RESIDUAL] * (placement.cell**2)[:, None]
     coarsest = dict(GAUSSIAN_COARSEST)

@@ -138,11 +138,8 @@ class Classes:
         whole, share, number, later = split_numbers(self.count, parts)
         part_of = np.concatenate([parts, np.ones(self.count - len(parts))])
         of = np.where(self.coverage_rank < part_of[self.of], number[self.of], later[self.of])
-
-        def presence(lambda_: float) -> F64:
-            return np.asarray(share * self.presence_bits(lambda_)[whole])
-
-        return replace(self, of=of, count=len(whole), presence_bits=presence)
+        bits = self.presence_bits
+        return replace(self, of=of, count=len(whole), presence_bits=lambda lambda_: share * bits(lambda_)[whole])
 
 
 def split_numbers(count: int, parts: Sequence[float]) -> tuple[I64, F64, I64, I64]:

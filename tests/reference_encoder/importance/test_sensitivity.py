@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from unittest.mock import patch
 
 import numpy as np
 import pytest
 
+from reference_encoder.importance import weights as module
 from reference_encoder.importance.attributes import from_scene
 from reference_encoder.importance.sensitivity import Sensitivity, measure_sensitivity
 from reference_encoder.importance.view_sampling import Views
-from reference_encoder.importance.weights import KindWeights, weigh_scene
+from reference_encoder.importance.weights import weigh_scene
 from scarfmt.container.schema import Stream
 from scarfmt.render.camera import Camera, orbit_cameras
 from scarfmt.render.rasterise import render
@@ -47,10 +49,9 @@ def model(scene: GaussianScene, cameras: list[Camera]) -> Sensitivity:
 
 def seen_from(scene: GaussianScene, cameras: list[Camera]) -> Sensitivity:
     """Sensitivities from some views, without the floor."""
-    weights = weigh_scene(scene, Views({"orbit": cameras}, {"orbit": 1.0}, 1.0, Upright("-y")))
-    nothing = np.zeros(len(scene), np.float32)
-    weights = replace(weights, floor=KindWeights(nothing, nothing))
-    return measure_sensitivity(from_scene(scene), weights.shape, weights.colour, weights.pixel)
+    with patch.object(module, "FLOOR_SHARE", 0.0):
+        weights = weigh_scene(scene, Views({"orbit": cameras}, {"orbit": 1.0}, 1.0, Upright("-y")))
+    return measure_sensitivity(from_scene(scene), weights)
 
 
 def measured(scene: GaussianScene, other: GaussianScene, cameras: list[Camera]) -> float:

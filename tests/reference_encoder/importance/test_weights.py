@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from reference_encoder.importance.view_sampling import Views
-from reference_encoder.importance.weights import weigh_scene
-from reference_encoder.tuning import SURVEY_POWER
+from reference_encoder.importance.weights import weigh_scene, weigh_unoccluded
+from reference_encoder.tuning import FLOOR_DISTANCE, SURVEY_POWER
 from scarfmt.render.rasterise import contributions_by_view
 from scarfmt.render.viewpoints import Upright
 from scarfmt.scene.gaussians import GaussianScene
@@ -26,7 +26,8 @@ def test_weights_are_power_means_over_views_and_kinds() -> None:
         weights[seen.index] = seen.weight_sq / (3 * view.width * view.height)
     powers = [weight**SURVEY_POWER for weight in single]
     expected = (0.75 * (powers[0] + powers[1]) / 2 + 0.25 * powers[2]) ** (1 / SURVEY_POWER)
-    np.testing.assert_allclose(found.colour, np.maximum(expected, found.floor.colour), rtol=1e-5)
+    _, floor = weigh_unoccluded(scene, FLOOR_DISTANCE, len(scene))
+    np.testing.assert_allclose(found.colour, np.maximum(expected, floor), rtol=1e-5)
 
 
 def of_sizes_and_opacities() -> GaussianScene:

@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
+from reference_encoder.importance.weights import Weights
 from reference_encoder.options import EncodeOptions
 from reference_encoder.out_of_core.code import add_histograms, build_models, code_layers, count_symbols
 from reference_encoder.out_of_core.fit import Fit, apply
@@ -17,7 +18,7 @@ from reference_encoder.out_of_core.fit_scene import fit_scene
 from reference_encoder.out_of_core.judge import combine_quality, judge, render_pictures
 from reference_encoder.out_of_core.measure import measure, sample_range
 from reference_encoder.out_of_core.overview import Overview, build_overview, summarise_range
-from reference_encoder.out_of_core.types import Bounds, Measured, Models, Range, Rows
+from reference_encoder.out_of_core.types import Bounds, Models, Range, Rows
 from reference_encoder.rdo.lattice import cut_cubes
 from scarfmt.arrays import F64, I64
 from scarfmt.coding.writer import QuantisedScene, write_scene
@@ -70,7 +71,7 @@ class Chain:
 
     overview: Overview
     ranges: Sequence[tuple[Range, GaussianScene]]
-    measured: Sequence[Measured]
+    measured: Sequence[Weights]
     fit: Fit
     contents: Sequence[tuple[QuantisedScene, I64]]
     models: Models

@@ -11,7 +11,7 @@ from reference_decoder.decode import decode
 from reference_encoder.encode import encode
 from reference_encoder.out_of_core import measure as module
 from reference_encoder.out_of_core.fit_scene import fit_sample, prepare_sample
-from reference_encoder.out_of_core.measure import importance_levels, sample_range, take_rows
+from reference_encoder.out_of_core.measure import importance_levels, sample_range
 from reference_encoder.out_of_core.types import Sample
 from scarfmt.container.file import Container
 from scarfmt.container.registries import Stream
@@ -32,7 +32,7 @@ def samples(every: int) -> list[Sample]:
     for (part, scene), weights in zip(chain.ranges, chain.measured, strict=True):
         sampled, measured = sample_range(chain.overview, part, scene, weights)
         rows = np.arange(0, len(sampled), every)
-        found.append((sampled.take(rows), take_rows(measured, rows)))
+        found.append((sampled.take(rows), measured.take(rows)))
     return found
 
 
