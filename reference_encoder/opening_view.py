@@ -139,18 +139,14 @@ def _fitted(drawable: Drawable, around: Surroundings, view: _View) -> Camera | N
     if _edge(opacity) >= OPENING_ALONE or not opacity.any():
         return None
     camera, (height, width) = wide.camera.sampled(OPENING_SAMPLING), opacity.shape
-    across, down = (_span(opacity.sum(axis=axis)) for axis in (0, 1))
+    # Places between which all but a hundredth of the opacity at either end lies, pixels.
+    totals = [np.cumsum(opacity.sum(axis=axis)) for axis in (0, 1)]
+    across, down = (np.interp([0.01, 0.99], each / each[-1], np.arange(len(each)) + 1.0) for each in totals)
     distance = OPENING_WIDE * around.radius
     shift = np.array([across.mean() - width / 2, down.mean() - height / 2]) * distance / camera.fx
     filled = max(float(np.ptp(across)) / width, float(np.ptp(down)) / height)
     target = around.middle + shift @ camera.world_to_camera[:2, :3]
     return _look_at(around, target, view.direction, OPENING_WIDE * filled / OPENING_FILLED).camera
-
-
-def _span(opacity: F64) -> F64:
-    """(2,) places between which all but a hundredth at either end of (n,) opacity lies, in pixels."""
-    total = np.cumsum(opacity)
-    return np.asarray(np.interp([0.01, 0.99], total / total[-1], np.arange(len(total)) + 1.0))
 
 
 def middle_camera(cameras: Sequence[Camera]) -> Camera:

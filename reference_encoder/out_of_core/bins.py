@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from reference_encoder.out_of_core.scan import read_usable
 from reference_encoder.out_of_core.source import Chunk
 from reference_encoder.out_of_core.types import Bounds, Range
-from reference_encoder.out_of_core.work_dir import WorkDir
+from reference_encoder.out_of_core.work_dir import WorkDir, file_name
 from scarfmt.arrays import I64
 from scarfmt.scene.gaussians import GaussianScene, pad_harmonics
 
@@ -36,14 +36,6 @@ def _attributes(sh_degree: int) -> Mapping[str, tuple[type, tuple[int, ...]]]:
         "opacity_logits": (np.float32, ()),
         "sh": (np.float32, ((sh_degree + 1) ** 2, 3)),
     }
-
-
-def _size(kind: type, shape: tuple[int, ...]) -> int:
-    return np.dtype(kind).itemsize * math.prod(shape)
-
-
-def _name(chunk: int) -> str:
-    return f"bins/{chunk:06}"
 
 
 def bin_chunk(work: WorkDir, chunk: Chunk, bounds: Bounds, clean: bool, ranges: Sequence[Range]) -> I64:
@@ -64,7 +56,7 @@ def bin_chunk(work: WorkDir, chunk: Chunk, bounds: Bounds, clean: bool, ranges: 
     owner = np.searchsorted(borders, bounds.paths(scene.positions), side="right")
     order = np.argsort(owner, kind="stable")
     edges = np.searchsorted(owner[order], np.arange(len(ranges) + 1)).astype(np.int64)
-    with work.write(_name(chunk.number)) as stream:
+    with work.write(file_name("bins", chunk.number)) as stream:
         for begin, end in itertools.pairwise(edges.tolist()):
             part = scene.take(order[begin:end])
             part = replace(part, sh=pad_harmonics(part.sh[:, :coefficients], coefficients))
@@ -97,13 +89,14 @@ def load_range(work: WorkDir, chunks: int, bounds: Bounds, number: int) -> Gauss
     [row] = work.read_ranges(INDEX, [(number * chunks * 16, chunks * 16)])
     begin, end = np.frombuffer(row, "<i8").reshape(2, chunks)
     attributes = _attributes(bounds.sh_degree)
-    total, each = int((end - begin).sum()), sum(_size(*kind) for kind in attributes.values())
+    total = int((end - begin).sum())
+    each = sum(np.dtype(kind).itemsize * math.prod(shape) for kind, shape in attributes.values())
     found: dict[str, NDArray[Any]]
     found = {name: np.empty((total, *shape), kind) for name, (kind, shape) in attributes.items()}
     filled = 0
     for chunk in np.flatnonzero(end > begin).tolist():
         first, count = int(begin[chunk]), int(end[chunk] - begin[chunk])
-        [data] = work.read_ranges(_name(chunk), [(first * each, count * each)])
+        [data] = work.read_ranges(file_name("bins", chunk), [(first * each, count * each)])
         offset = 0
         for name, (kind, shape) in attributes.items():
             rows: NDArray[Any] = np.frombuffer(data, kind, count * math.prod(shape), offset)

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Any, TypeVar
 
-from reference_encoder.out_of_core.work_dir import WorkDir
+from reference_encoder.out_of_core.work_dir import WorkDir, file_name
 from scarfmt.errors import InvalidInput, missing_package
 
 TRIES = 4
@@ -115,10 +115,10 @@ class Workers:
         left = []
         for number in range(len(tasks)):
             if f"{number:06}" in known:
-                yield number, work.get(f"{folder}/{number:06}")
+                yield number, work.get(file_name(folder, number))
             else:
                 left.append(number)
-        calls = [(work, f"{folder}/{number:06}", function, tasks[number]) for number in left]
+        calls = [(work, file_name(folder, number), function, tasks[number]) for number in left]
         for place, found in self.results(do_and_keep, calls):
             yield left[place], found
 

@@ -81,10 +81,6 @@ class RootCube:
         return interleave((unit * (1 << MAX_TILE_DEPTH)).astype(np.uint64))
 
 
-EVERYWHERE = (0, 1 << 3 * MAX_TILE_DEPTH)
-"""All Morton codes, the first and the one past the last."""
-
-
 @dataclass(frozen=True)
 class Placement:
     """The place of each anchor.
@@ -112,7 +108,7 @@ def place(
     tile_anchors: int | None = None,
     root: RootCube | None = None,
     lattice_bits: int | None = None,
-    within: tuple[int, int] = EVERYWHERE,
+    within: tuple[int, int] | None = None,
 ) -> Placement:
     """Tiles and cells for N >= 1 anchors.
 
@@ -124,19 +120,20 @@ def place(
         lattice_bits: of the lattice, at least `MAX_TILE_DEPTH`; None for as many as give every tile the cells that it
             wants.
         within: no tile reaches beyond this interval of the Morton order: the first code of `MAX_TILE_DEPTH` bits an
-            axis, and the one past the last.
+            axis, and the one past the last; None for all.
     """
     root = root or RootCube.around(positions.min(axis=0), positions.max(axis=0))
-    cubes = cut_tiles(root, positions, tile_anchors or default_tile_size(len(positions)), within)
-    depth, tile, bits = cubes.depth, cubes.tile, _local_bits(cubes, wanted_step, root)
+    most = tile_anchors or default_tile_size(len(positions))
+    depth, prefix, tile = assign_tiles(root.paths(positions), MAX_TILE_DEPTH, most, within)
+    bits = _local_bits(depth, tile, wanted_step, root)
     if lattice_bits is None:
         lattice_bits = int(max(1, (depth + bits).max()))
     bits = np.minimum(bits, lattice_bits - depth)
     shift = lattice_bits - depth - bits
-    rows = zip(depth, shift, cubes.prefix, strict=True)
+    rows = zip(depth, shift, prefix, strict=True)
     tiles = tuple(Tile(int(d), int(s), int(p)) for d, s, p in rows)
     lattice = Lattice(root.low, root.side / 2.0**lattice_bits, lattice_bits)
-    corner = deinterleave(cubes.prefix).astype(np.float64) * 2.0 ** (lattice_bits - depth)[:, None]
+    corner = deinterleave(prefix).astype(np.float64) * 2.0 ** (lattice_bits - depth)[:, None]
     cell = np.exp2(shift.astype(np.float64))
     local = ((positions - np.array(lattice.origin)) / lattice.voxel - corner[tile]) / cell[tile][:, None]
     top = (2.0**bits)[tile][:, None]
@@ -148,32 +145,22 @@ def place(
 
 def count_lattice_bits(positions: F64, wanted_step: F64, root: RootCube, tile_anchors: int) -> int:
     """Bits of a lattice that gives every tile the cells that it wants."""
-    cubes = cut_tiles(root, positions, tile_anchors)
-    return int((cubes.depth + _local_bits(cubes, wanted_step, root)).max())
+    depth, _, tile = assign_tiles(root.paths(positions), MAX_TILE_DEPTH, tile_anchors)
+    return int((depth + _local_bits(depth, tile, wanted_step, root)).max())
 
 
-@dataclass(frozen=True)
-class Cubes:
-    """The cubes of the tiles.
+def assign_tiles(
+    path: U64, bits: int, most: int, within: tuple[int, int] | None = None
+) -> tuple[I64, U64, I64]:
+    """Depth and Morton prefix, (T,) each, of the cubes of tiles, and the (N,) int64 tile of each point.
 
-    Attributes:
-        depth, prefix: (T,) of each tile, ascending.
-        tile: (N,) int64 tile of each anchor.
+    Arguments are those of :func:`cut_cubes`, but for points in any order.
     """
-
-    depth: I64
-    prefix: U64
-    tile: I64
-
-
-def cut_tiles(root: RootCube, positions: F64, most: int, within: tuple[int, int] = EVERYWHERE) -> Cubes:
-    """The largest cubes, none reaching beyond an interval, that hold at most so many of (N, 3) positions."""
-    path = root.paths(positions)
     order = np.argsort(path, kind="stable")
-    depth, prefix, first = cut_cubes(path[order], MAX_TILE_DEPTH, most, within)
-    tile = np.empty(len(positions), np.int64)
-    tile[order] = np.repeat(np.arange(len(first)), np.diff(np.append(first, len(positions))))
-    return Cubes(depth, prefix, tile)
+    depth, prefix, first = cut_cubes(path[order], bits, most, within)
+    tile = np.empty(len(path), np.int64)
+    tile[order] = np.repeat(np.arange(len(first)), np.diff(np.append(first, len(path))))
+    return depth, prefix, tile
 
 
 def default_tile_size(count: int) -> int:
@@ -181,18 +168,27 @@ def default_tile_size(count: int) -> int:
     return LARGE_SCENE_TILE_ANCHORS if count > LARGE_SCENE else TILE_ANCHORS
 
 
-def cut_cubes(path: U64, bits: int, most: int, within: tuple[int, int] | None = None) -> tuple[I64, U64, I64]:
-    """The largest cubes that hold at most `most` of the points on sorted paths; at the last bit, more.
+def cut_cubes(
+    path: U64,
+    bits: int,
+    most: int,
+    within: tuple[int, int] | None = None,
+    cells: tuple[I64, I64] | None = None,
+) -> tuple[I64, U64, I64]:
+    """The largest cubes that hold at most `most` of the points on sorted paths; those that cannot be divided, more.
 
     Args:
         path: (n,) Morton codes of `bits` bits an axis, not descending; n >= 1.
         bits: of a path; no cube is deeper.
         most: points of a cube, at least 1.
         within: codes that cubes do not reach beyond, the first and the one past the last; None for all.
+        cells: (n,) depths of cells that begin at the codes, and (n,) points in each; None for a point at each code.
 
     Returns:
         Depth, Morton prefix and first point of each cube, in Morton order.
     """
+    depths, counts = (None, np.ones(len(path), np.int64)) if cells is None else cells
+    before = np.concatenate(([0], np.cumsum(counts)))
     found: list[tuple[int, int, int]] = []
     stack = [(0, 0, len(path))]
     while stack:
@@ -200,7 +196,8 @@ def cut_cubes(path: U64, bits: int, most: int, within: tuple[int, int] | None = 
         free = 3 * (bits - depth)
         prefix = int(path[first]) >> free
         fits = within is None or (prefix << free >= within[0] and (prefix + 1) << free <= within[1])
-        if (fits and past - first <= most) or depth == bits:
+        whole = depth == bits or (depths is not None and past - first == 1 and depths[first] <= depth)
+        if (fits and before[past] - before[first] <= most) or whole:
             found.append((depth, prefix, first))
             continue
         digits = path[first:past] >> np.uint64(3 * (bits - depth - 1))
@@ -210,13 +207,13 @@ def cut_cubes(path: U64, bits: int, most: int, within: tuple[int, int] | None = 
             stack.append((depth + 1, begin, end))
             begin = end
     found.sort(key=lambda cube: cube[2])
-    depths, prefixes, firsts = zip(*found, strict=True)
-    return np.array(depths, np.int64), np.array(prefixes, np.uint64), np.array(firsts, np.int64)
+    found_depths, prefixes, firsts = zip(*found, strict=True)
+    return np.array(found_depths, np.int64), np.array(prefixes, np.uint64), np.array(firsts, np.int64)
 
 
-def _local_bits(cubes: Cubes, wanted: F64, root: RootCube) -> I64:
-    order, depth = np.argsort(cubes.tile, kind="stable"), cubes.depth
-    groups = np.split(wanted[order], np.cumsum(np.bincount(cubes.tile))[:-1])
+def _local_bits(depth: I64, tile: I64, wanted: F64, root: RootCube) -> I64:
+    order = np.argsort(tile, kind="stable")
+    groups = np.split(wanted[order], np.cumsum(np.bincount(tile))[:-1])
     cell = CELL_FACTOR * np.array([np.percentile(group, CELL_PERCENTILE) for group in groups])
     cell = np.maximum(cell, max(root.reach * RELATIVE_FLOOR, 1e-300))
     bits = np.ceil(np.log2(np.maximum(root.side / 2.0**depth / cell, 1.0))).astype(np.int64)

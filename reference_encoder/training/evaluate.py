@@ -31,9 +31,6 @@ def quality(state: State, views: Sequence[View], layer: int | None, background: 
     """Mean PSNR (dB) and SSIM over some views, NaN without any; `layer` as for :func:`draw`."""
     if not views:
         return math.nan, math.nan
-    found = [_likeness(draw(state, view.camera, layer, background), view.photo(state.device)) for view in views]
+    pairs = ((draw(state, view.camera, layer, background), view.photo(state.device)) for view in views)
+    found = [(psnr(*pair), ssim(*pair)) for pair in pairs]
     return fmean(each for each, _ in found), fmean(each for _, each in found)
-
-
-def _likeness(picture: Tensor, photo: Tensor) -> tuple[float, float]:
-    return psnr(picture, photo), ssim(picture, photo)

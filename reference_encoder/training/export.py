@@ -14,7 +14,7 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 
-from reference_encoder.rdo.lattice import cut_cubes, default_tile_size
+from reference_encoder.rdo.lattice import assign_tiles, default_tile_size
 from reference_encoder.training.anchors import NETWORKS, SLOTS
 from reference_encoder.training.layers import coarse
 from reference_encoder.training.state import WEIGHT_BITS, State
@@ -77,10 +77,7 @@ def cut_tiles(codes: U64, bits: int, most: int | None = None) -> tuple[tuple[Til
     Returns:
         The tile table, (n,) int64 tile of each anchor, and (n,) uint64 local Morton codes.
     """
-    order = np.argsort(codes, kind="stable")
-    depth, prefix, first = cut_cubes(codes[order], bits, most or default_tile_size(len(codes)))
-    tile = np.empty(len(codes), np.int64)
-    tile[order] = np.repeat(np.arange(len(first)), np.diff(np.append(first, len(codes))))
+    depth, prefix, tile = assign_tiles(codes, bits, most or default_tile_size(len(codes)))
     own_bits = (3 * (bits - depth)).astype(np.uint64)
     local = codes & ((np.uint64(1) << own_bits) - np.uint64(1))[tile]
     return tuple(Tile(int(d), 0, int(p)) for d, p in zip(depth, prefix, strict=True)), tile, local

@@ -113,10 +113,6 @@ class Quantiser(nn.Module):
         yield from self.projector.parameters()
         yield from self.decoder.parameters()
 
-    def book_parameters(self) -> Iterator[nn.Parameter]:
-        """The parameters of the books, for the optimiser of the last phase, once they are open."""
-        yield from self.books.parameters()
-
     def open_books(self) -> None:
         """From now on gradients move the codewords, not moving averages, and none restarts."""
         self._open = True

@@ -206,29 +206,26 @@ class Run:
     def check(self) -> dict[str, Any]:
         """Look at held-out photos and at what the writer makes of the values as they are; figures for the log."""
         with self.budget.checking():
-            return self._check()
-
-    def _check(self) -> dict[str, Any]:
-        trainer = self.trainer
-        layer = trainer.state.plan.count - 1 if trainer.noisy else None
-        self.psnr, _ = self._quality(evenly(self.held_out, _CHECK_PHOTOS), layer)
-        self.best = max(self.best, self.psnr)
-        figures: dict[str, Any] = {"prices": str(trainer.rate_controller.price)}
-        if trainer.noisy:
-            with self.budget.measured("coding"):
-                sizes = layer_sizes(write_scene(trainer.written()))
-            self.bytes = sizes[-1]
-            figures |= {"estimated": str(trainer.rate_controller.estimate), "written": str(sizes)}
-            if len(sizes) == len(trainer.rate_controller.price):
-                trainer.rate_controller.record_sizes(sizes)
-        if self.displacement is None and self._settled():
-            self.displacement = self._displacement()
-            warn_of_displacement(self.displacement)
-        figures |= {"displacement": self.displacement}
-        self._expect()
-        if trainer.joint is not None:
-            figures |= {"index_bits_an_anchor": trainer.index_bits, "hash_bits": trainer.joint.hash_bits}
-        return figures
+            trainer = self.trainer
+            layer = trainer.state.plan.count - 1 if trainer.noisy else None
+            self.psnr, _ = self._quality(evenly(self.held_out, _CHECK_PHOTOS), layer)
+            self.best = max(self.best, self.psnr)
+            figures: dict[str, Any] = {"prices": str(trainer.rate_controller.price)}
+            if trainer.noisy:
+                with self.budget.measured("coding"):
+                    sizes = layer_sizes(write_scene(trainer.written()))
+                self.bytes = sizes[-1]
+                figures |= {"estimated": str(trainer.rate_controller.estimate), "written": str(sizes)}
+                if len(sizes) == len(trainer.rate_controller.price):
+                    trainer.rate_controller.record_sizes(sizes)
+            if self.displacement is None and self._settled():
+                self.displacement = self._displacement()
+                warn_of_displacement(self.displacement)
+            figures |= {"displacement": self.displacement}
+            self._expect()
+            if trainer.joint is not None:
+                figures |= {"index_bits_an_anchor": trainer.index_bits, "hash_bits": trainer.joint.hash_bits}
+            return figures
 
     def _expect(self) -> None:
         """Tell the budget what the end will take."""

@@ -12,7 +12,7 @@ import math
 import re
 import time
 import warnings
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, replace
 from pathlib import Path
 from types import TracebackType
@@ -139,7 +139,7 @@ def save_checkpoint(folder: Path, iteration: int, state: State, whose: str) -> N
         InvalidInput: ``output-path``.
     """
     folder.mkdir(parents=True, exist_ok=True)
-    content = {"whose": whose, "iteration": iteration, "state": _as_arrays(state)}
+    content = {"whose": whose, "iteration": iteration, "state": _converted(state, _as_array)}
     with atomic_write(folder / f"checkpoint-{iteration:08}.pt", force=True) as stream:
         stream.writelines(kept_values.pack(content))
     _keep(folder, KEPT)
@@ -173,28 +173,27 @@ def load_checkpoint(folder: Path, whose: str) -> tuple[int, State] | None:
         if content["whose"] != whose:
             message = "holds an unfinished training of another capture, with other options or by another version"
             raise _refused(folder, f"{message}; use its options and version, give another folder, or delete it")
-        return content["iteration"], _as_tensors(content["state"])
+        return content["iteration"], _converted(content["state"], _as_tensor)
     if existing:
         raise _refused(folder, "no checkpoint can be read; delete the folder to start again")
     return None
 
 
-def _as_arrays(part: Any) -> Any:
-    """The value with arrays in place of tensors of whatever device, in dicts and lists of any depth."""
-    if isinstance(part, torch.Tensor):
-        return part.detach().cpu().numpy()
+def _converted(part: Any, convert: Callable[[Any], Any]) -> Any:
+    """The value with what is in dicts and lists of any depth converted."""
     if isinstance(part, dict):
-        return {name: _as_arrays(inner) for name, inner in part.items()}
-    return [_as_arrays(inner) for inner in part] if isinstance(part, list) else part
+        return {name: _converted(inner, convert) for name, inner in part.items()}
+    return [_converted(inner, convert) for inner in part] if isinstance(part, list) else convert(part)
 
 
-def _as_tensors(part: Any) -> Any:
-    """The inverse of :func:`_as_arrays`, all tensors on the processor."""
-    if isinstance(part, np.ndarray):
-        return torch.from_numpy(part)
-    if isinstance(part, dict):
-        return {name: _as_tensors(inner) for name, inner in part.items()}
-    return [_as_tensors(inner) for inner in part] if isinstance(part, list) else part
+def _as_array(part: Any) -> Any:
+    """An array in place of a tensor of whatever device."""
+    return part.detach().cpu().numpy() if isinstance(part, torch.Tensor) else part
+
+
+def _as_tensor(part: Any) -> Any:
+    """The inverse of :func:`_as_array`, on the processor."""
+    return torch.from_numpy(part) if isinstance(part, np.ndarray) else part
 
 
 def last_iteration(folder: Path) -> int | None:

@@ -199,7 +199,7 @@ class VqFeatures:
         """From now on pictures move books, projector and decoder."""
         self.opened = True
         self.quantiser.open_books()
-        parameters = [*self.quantiser.network_parameters(), *self.quantiser.book_parameters()]
+        parameters = [*self.quantiser.network_parameters(), *self.quantiser.books.parameters()]
         self._optimiser = torch.optim.Adam(parameters, lr=_LAST_RATE)
 
     def features(self, latent: Tensor, rows: Tensor, layer: int, now: Moment | None) -> Tensor:

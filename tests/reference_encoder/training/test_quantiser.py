@@ -132,7 +132,7 @@ def test_the_loss_of_detached_features_reaches_the_networks_alone() -> None:
     quantiser, f = _started(linear=False)
     _quantised(quantiser, f)[1].backward()
     assert all(parameter.grad is not None for parameter in quantiser.network_parameters())
-    assert all(parameter.grad is None for parameter in quantiser.book_parameters())
+    assert all(parameter.grad is None for parameter in quantiser.books.parameters())
 
 
 def _bits_and_error(quantiser: Quantiser, f: torch.Tensor, lambda_: float) -> tuple[float, float]:
