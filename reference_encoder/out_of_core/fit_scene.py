@@ -7,6 +7,7 @@ Gaussian of it stands for. What is decided about a Gaussian is a function of its
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from functools import partial
 
 import numpy as np
 
@@ -48,10 +49,7 @@ def fit_scene(overview: Overview, samples: Sequence[Sample], judge: Callable[[Fi
         found = combine_quality(overview, judge(fit))
         return found.rated_db if options.worst is None else found.low_db
 
-    def fit(quality: float) -> Fit:
-        return fit_sample(overview, sampled, quality)
-
-    return converge(options, fit, decibels)
+    return converge(options, partial(fit_sample, overview, sampled), decibels)
 
 
 Prepared = tuple[Attributes, Sensitivity, float]
@@ -69,7 +67,7 @@ def prepare_sample(overview: Overview, samples: Sequence[Sample]) -> Prepared:
 def fit_sample(overview: Overview, sample: Prepared, quality: float) -> Fit:
     """Decide all at the lambda that is predicted to give `quality` dB."""
     attributes, seen, repeat = sample
-    bounds, most = overview.bounds, tile_anchors(overview)
+    bounds, most = overview.bounds, overview.options.tile_anchors or default_tile_size(overview.bounds.count)
     lambda_ = predict_lambda(quality, bounds.count, GAUSSIAN_LAMBDA_DB)
     shift = measure_colour_shift(seen.absence, seen.colour, lambda_ * GAUSSIAN_BITS)
     importance = ranked(seen, lambda_, shift, bounds.sh_degree)
@@ -97,9 +95,3 @@ def fit_sample(overview: Overview, sample: Prepared, quality: float) -> Fit:
         tile_anchors=most,
         latent=None if latent is None else LatentFit(latent.projection, latent.decoder),
     )
-
-
-def tile_anchors(overview: Overview) -> int:
-    """Most anchors of a tile."""
-    return overview.options.tile_anchors or default_tile_size(overview.bounds.count)
-

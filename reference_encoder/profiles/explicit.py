@@ -36,7 +36,7 @@ from scarfmt.arrays import F64, I64, Floats
 from scarfmt.coding.writer import QuantisedScene, Report, silent
 from scarfmt.container import schema
 from scarfmt.container.schema import Stream
-from scarfmt.scene.description import NOTHING_SAID, Description
+from scarfmt.scene.description import Description
 from scarfmt.scene.gaussians import GaussianScene
 
 ENCODE_REPORT = "survey"
@@ -120,8 +120,8 @@ def gaussian_input(
     placement: Placement,
     lambda_: float,
     source_count: int,
-    repeat: float = 1.0,
-    description: Description = NOTHING_SAID,
+    repeat: float,
+    description: Description,
 ) -> RdoInput:
     """What is to be decided about N Gaussians that are worth sending.
 

@@ -149,9 +149,7 @@ def count_lattice_bits(positions: F64, wanted_step: F64, root: RootCube, tile_an
     return int((depth + _local_bits(depth, tile, wanted_step, root)).max())
 
 
-def assign_tiles(
-    path: U64, bits: int, most: int, within: tuple[int, int] | None = None
-) -> tuple[I64, U64, I64]:
+def assign_tiles(path: U64, bits: int, most: int, within: tuple[int, int] | None = None) -> tuple[I64, U64, I64]:
     """Depth and Morton prefix, (T,) each, of the cubes of tiles, and the (N,) int64 tile of each point.
 
     Arguments are those of :func:`cut_cubes`, but for points in any order.

@@ -94,17 +94,13 @@ class Codebook(nn.Module):
         self.words.add_(towards * (gain / self.mass.clamp_min(1e-30))[:, None])
         stale = self.mass < LEARNED_STALE_SHARE
         stale[0] = False
-        self._restart(stale, x, generator)
-        self.words[0] = 0
-        return stale
-
-    def _restart(self, stale: torch.Tensor, x: torch.Tensor, generator: torch.Generator) -> None:
-        count = int(stale.sum())
-        if count:
+        if count := int(stale.sum()):
             drawn = torch.randint(len(x), (count,), generator=generator).to(x.device)
             self.words[stale] = x[drawn]
             # As if it had been used like others: it has a while to find vectors of its own.
             self.mass[stale] = 1.0
+        self.words[0] = 0
+        return stale
 
     def _sums(self, x: torch.Tensor, weight: torch.Tensor, codes: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
         """(n,) sums of (m,) `weight` and (n, d) sums of (m, d) `x` over the vectors of each code."""

@@ -72,11 +72,11 @@ def undistort_photos(
         _write_model(folder / MODEL, views, names)
         _run("undistort", folder, path, report)
 
-    folder = _once(place, _source(files, repr(views)), make)
-    return [
-        (replace(camera, name=views[_number(camera)].name, split=views[_number(camera)].split), _photo(folder, camera))
-        for camera in load_cameras(folder)
-    ]
+    folder, made = _once(place, _source(files, repr(views)), make), []
+    for camera in load_cameras(folder):
+        view = views[_number(camera)]
+        made.append((replace(camera, name=view.name, split=view.split), folder / "images" / camera.name))
+    return made
 
 
 def pose_photos(path: Path, files: Sequence[Path], workspace: Path | None, report: Report) -> tuple[Made, F64]:
@@ -103,7 +103,9 @@ def pose_photos(path: Path, files: Sequence[Path], workspace: Path | None, repor
     cameras = load_cameras(folder)
     points = load_points(folder)
     assert points is not None
-    return [(replace(camera, name=files[_number(camera)].name), _photo(folder, camera)) for camera in cameras], points
+    photos = [folder / "images" / camera.name for camera in cameras]
+    named = [replace(camera, name=files[_number(camera)].name) for camera in cameras]
+    return list(zip(named, photos, strict=True)), points
 
 
 def _workplace(path: Path, purpose: str, workspace: Path | None) -> Path:
@@ -181,10 +183,6 @@ def _staged(folder: Path, files: Sequence[Path], prefixes: Sequence[str]) -> lis
 def _number(camera: Camera) -> int:
     """The number of a photo among those given, from its staged name."""
     return int(Path(camera.name).stem)
-
-
-def _photo(folder: Path, camera: Camera) -> Path:
-    return folder / "images" / camera.name
 
 
 def _write_model(folder: Path, views: Sequence[Distorted], names: Sequence[str]) -> None:
