@@ -13,6 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from reference_encoder.importance.view_sampling import given_cameras
 from reference_encoder.options import EncodeOptions
 from reference_encoder.streaming_block import place_anchors
 from reference_encoder.tuning import (
@@ -56,7 +57,7 @@ def find_opening_view(scene: GaussianScene | AnchorModel, options: EncodeOptions
         InvalidInput: ``input-frame``.
     """
     if options.cameras:
-        return middle_camera([camera for camera in options.cameras if camera.split != "test"] or options.cameras)
+        return middle_camera(given_cameras(options))
     around = Surroundings.of(place_anchors(scene), options.frame)
     if isinstance(scene, AnchorModel):
         return _look_at(around, around.middle, around.direction(0.5, 20.0), 1.6).camera

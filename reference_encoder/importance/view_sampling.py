@@ -90,17 +90,9 @@ def sample_views(scene: GaussianScene, options: EncodeOptions, count: int | None
     Raises:
         InvalidInput: ``input-frame``; ``input-empty`` if no position is finite.
     """
-    up, given = resolved(scene, options.frame), _given(options)
-    around = Surroundings.of(scene, up.up)
-    if options.only_cameras:
-        return Views({GIVEN: _sample_pixels(given, SURVEY_SAMPLES)}, {GIVEN: 1.0}, around.radius, up)
-    counts = count_views(options.effort, count or len(scene))
-    everywhere = _everywhere(scene, around, up, counts, SURVEY_SEED, SURVEY_SAMPLES)
-    if not given:
-        return Views(everywhere, KIND_SHARES, around.radius, up)
-    near = _sample_pixels(beside(given, JITTER_PART * around.radius, JITTER_DEG, SURVEY_SEED), SURVEY_SAMPLES)
-    known = {GIVEN: _sample_pixels(given, SURVEY_SAMPLES), BESIDE: near}
-    return Views({**known, **everywhere}, _shares_with_given(KIND_SHARES), around.radius, up)
+    up, counts = resolved(scene, options.frame), count_views(options.effort, count or len(scene))
+    given = given_cameras(options)
+    return _draw(scene, options, up, given, False, counts, SURVEY_SEED, SURVEY_SAMPLES, KIND_SHARES)
 
 
 def judging_views(scene: GaussianScene, options: EncodeOptions, up: Upright, view_set: ViewSet, count: int) -> Views:
@@ -113,42 +105,52 @@ def judging_views(scene: GaussianScene, options: EncodeOptions, up: Upright, vie
         view_set: which set.
         count: Gaussians that are drawn.
     """
-    around, views, given = Surroundings.of(scene, up.up), views_of_kind(options, count), _given(options)
-    everywhere = _everywhere(scene, around, up, dict.fromkeys(KINDS, views), view_set, JUDGED_SAMPLES)
-    if not given:
-        return Views(everywhere, JUDGED_SHARES, around.radius, up)
-    given = [given[number * len(given) // views] for number in range(views)]
-    close = _sample_pixels(beside(given, CLOSE_PART * around.radius, CLOSE_DEG, view_set), JUDGED_SAMPLES)
-    if options.only_cameras:
-        return Views({GIVEN: close}, {GIVEN: 1.0}, around.radius, up)
-    near = _sample_pixels(beside(given, JITTER_PART * around.radius, JITTER_DEG, view_set), JUDGED_SAMPLES)
-    known = {GIVEN: close, BESIDE: near}
-    return Views({**known, **everywhere}, _shares_with_given(JUDGED_SHARES), around.radius, up)
+    views, given = views_of_kind(options, count), given_cameras(options)
+    given = [given[number * len(given) // views] for number in range(views)] if given else []
+    counts = dict.fromkeys(KINDS, views)
+    return _draw(scene, options, up, given, True, counts, view_set, JUDGED_SAMPLES, JUDGED_SHARES)
 
 
-def _given(options: EncodeOptions) -> list[Camera]:
+def given_cameras(options: EncodeOptions) -> list[Camera]:
     """The cameras that count: those of photos for tests only where there are no others."""
     cameras = options.cameras or ()
     return [camera for camera in cameras if camera.split != "test"] or list(cameras)
 
 
-def _everywhere(
-    scene: GaussianScene, around: Surroundings, up: Upright, counts: Mapping[str, int], seed: int, samples: int
-) -> dict[str, list[Camera]]:
-    """So many views of each kind, about `samples` pixels of each; half for either guess which way is up."""
-    every = [around] if up.other is None else [around, Surroundings.of(scene, up.other)]
-    return {
-        kind: _sample_pixels(
-            [view for each in every for view in viewpoints(each, kind, -(-count // len(every)), seed)], samples
-        )
-        for kind, count in counts.items()
-    }
+def _draw(
+    scene: GaussianScene,
+    options: EncodeOptions,
+    up: Upright,
+    given: Sequence[Camera],
+    close: bool,
+    counts: Mapping[str, int],
+    seed: int,
+    samples: int,
+    shares: Mapping[str, float],
+) -> Views:
+    """The given cameras, or others very close to them; views beside them; and views from everywhere.
 
-
-def _shares_with_given(kinds: Mapping[str, float]) -> dict[str, float]:
-    """How much each kind counts beside given cameras."""
-    rest = 1 - GIVEN_SHARE - BESIDE_SHARE
-    return {GIVEN: GIVEN_SHARE, BESIDE: BESIDE_SHARE, **{kind: rest * part for kind, part in kinds.items()}}
+    Args:
+        close: whether others stand for the given cameras.
+        counts, shares: by kind of those from everywhere: how many, and how much each counts without given cameras.
+        seed: of all that is drawn.
+        samples: pixels of each view, about.
+    """
+    around = Surroundings.of(scene, up.up)
+    here = beside(given, CLOSE_PART * around.radius, CLOSE_DEG, seed) if close and given else given
+    views: dict[str, Sequence[Camera]] = {GIVEN: here} if given else {}
+    if options.only_cameras:
+        shares = {GIVEN: 1.0}
+    else:
+        if given:
+            rest = 1 - GIVEN_SHARE - BESIDE_SHARE
+            views[BESIDE] = beside(given, JITTER_PART * around.radius, JITTER_DEG, seed)
+            shares = {GIVEN: GIVEN_SHARE, BESIDE: BESIDE_SHARE, **{kind: rest * part for kind, part in shares.items()}}
+        every = [around] if up.other is None else [around, Surroundings.of(scene, up.other)]
+        for kind, count in counts.items():
+            part = -(-count // len(every))
+            views[kind] = [view for each in every for view in viewpoints(each, kind, part, seed)]
+    return Views({kind: _sample_pixels(found, samples) for kind, found in views.items()}, shares, around.radius, up)
 
 
 def _sample_pixels(cameras: Sequence[Camera], samples: int) -> list[Camera]:
