@@ -164,7 +164,6 @@ def thumbnail_blocks(view: Callable[[Camera], F32], camera: Camera, blocks: Sequ
 
     Args:
         view: draws what a decoder makes of the file.
-        camera: the opening view.
         blocks: all others of the file.
     """
     most = min(int(THUMBNAIL_PART * sum(len(block.payload) for block in blocks)), THUMBNAIL_MOST)

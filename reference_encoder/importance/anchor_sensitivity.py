@@ -87,9 +87,7 @@ def feature_metric(model: AnchorModel, cameras: Sequence[Camera], shape: F64, co
     """(D, D) average of J^T S J over anchors drawn by their visibility, J the Jacobian of what is drawn.
 
     Args:
-        cameras: that anchors are seen from.
         shape, colour: (N, K) as :class:`AnchorSensitivity` has them.
-        seed: of the draw.
     """
     weight, width = (shape + colour).sum(axis=1), model.features.shape[1]
     if not weight.any():

@@ -81,7 +81,6 @@ def visible_attributes(scene: GaussianScene, pixel: NDArray[np.floating]) -> Att
     anything from a thousandth of a pixel down. But antialiasing makes Gaussians fainter by how thin they are.
 
     Args:
-        scene: N Gaussians.
         pixel: (N,) width of a pixel at each Gaussian, world units.
     """
     attributes = from_scene(scene)

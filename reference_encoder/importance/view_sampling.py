@@ -102,7 +102,6 @@ def judging_views(scene: GaussianScene, options: EncodeOptions, up: Upright, vie
         scene: whose positions say where people may stand.
         options: `effort`, `cameras`, `only_cameras`.
         up: where that is doubtful, half of the views from everywhere are for either guess, as in the survey.
-        view_set: which set.
         count: Gaussians that are drawn.
     """
     views, given = views_of_kind(options, count), given_cameras(options)
@@ -133,7 +132,6 @@ def _draw(
     Args:
         close: whether others stand for the given cameras.
         counts, shares: by kind of those from everywhere: how many, and how much each counts without given cameras.
-        seed: of all that is drawn.
         samples: pixels of each view, about.
     """
     around = Surroundings.of(scene, up.up)

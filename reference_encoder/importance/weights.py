@@ -145,7 +145,6 @@ def weigh_unoccluded(scene: GaussianScene, distance: float, count: int) -> tuple
     its two longest axes show about two thirds of that. It contrasts by `FLOOR_CONTRAST` with what is behind.
 
     Args:
-        scene: of Gaussians.
         distance: so far away, world units.
         count: Gaussians of the whole scene.
     """

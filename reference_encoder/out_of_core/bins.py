@@ -42,9 +42,6 @@ def bin_chunk(work: WorkDir, chunk: Chunk, bounds: Bounds, clean: bool, ranges: 
     """Write the file of a chunk.
 
     Args:
-        work: where it is written.
-        chunk: what to read.
-        bounds, ranges: of the scene.
         clean: whether it is known that all Gaussians can be encoded; others are left out.
 
     Returns:
@@ -66,26 +63,14 @@ def bin_chunk(work: WorkDir, chunk: Chunk, bounds: Bounds, clean: bool, ranges: 
 
 
 def write_index(work: WorkDir, edges: Sequence[I64]) -> None:
-    """Keep where the rows of every range are.
-
-    Args:
-        work: where the files of the chunks are.
-        edges: of each chunk, what :func:`bin_chunk` gave.
-    """
+    """Keep where the rows of every range are: of each chunk, what :func:`bin_chunk` gave."""
     table = np.stack(edges)
     with work.write(INDEX) as stream:
         stream.write(np.stack([table[:, :-1].T, table[:, 1:].T], axis=1).astype("<i8").tobytes())
 
 
 def load_range(work: WorkDir, chunks: int, bounds: Bounds, number: int) -> GaussianScene:
-    """The Gaussians of a range, in the order of the source.
-
-    Args:
-        work: with the files of `chunks` chunks, and their index.
-        chunks: how many there are.
-        bounds: of the scene.
-        number: of the range.
-    """
+    """The Gaussians of a range, by its number, in the order of the source, from the files of so many `chunks`."""
     [row] = work.read_ranges(INDEX, [(number * chunks * 16, chunks * 16)])
     begin, end = np.frombuffer(row, "<i8").reshape(2, chunks)
     attributes = _attributes(bounds.sh_degree)

@@ -77,7 +77,6 @@ def build_models(
     """Static tables of all layers, and the model blocks of the file.
 
     Args:
-        overview, fit: of the scene.
         found: of all its ranges (:func:`add_histograms`).
         metadata: JSON-able annotations beside those of the options, such as ``quality``.
     """
@@ -121,10 +120,8 @@ def write_file(work: WorkDir, fields: HeaderFields, models: Models, ranges: Sequ
 
     Args:
         work: with the segments of all ranges.
-        fields: of the header.
         models: their blocks, and how many anchors each layer has.
         ranges: what the directory says of the blocks of each range, in Morton order.
-        target: opened for writing in binary mode.
 
     Returns:
         Bytes written.

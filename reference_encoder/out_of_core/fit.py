@@ -101,10 +101,6 @@ def apply(
 ) -> tuple[QuantisedScene, I64]:
     """Tiles and all integers of a range, and its losses (:class:`Histograms`).
 
-    Args:
-        overview, fit: of the whole scene.
-        part, scene, measured: the range, its Gaussians, and what they weigh.
-
     Returns:
         A range of which nothing is worth sending has no tiles.
     """

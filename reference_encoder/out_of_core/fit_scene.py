@@ -39,8 +39,6 @@ def fit_scene(overview: Overview, samples: Sequence[Sample], judge: Callable[[Fi
     """Decide all at the lambda at which pictures have the quality asked for.
 
     Args:
-        overview: of the scene.
-        samples: of all ranges.
         judge: what the ranges `overview.judging_ranges` give under a Fit, from the views :attr:`ViewSet.TUNING`.
     """
     options, sampled = overview.options, prepare_sample(overview, samples)

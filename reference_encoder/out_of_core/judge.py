@@ -63,13 +63,7 @@ def choose_piece(overview: Overview, part: Range, scene: GaussianScene) -> tuple
 def render_pictures(
     overview: Overview, part: Range, scene: GaussianScene, measured: Weights, view_set: ViewSet = ViewSet.TUNING
 ) -> Pictures:
-    """Pictures of the source to judge a range by.
-
-    Args:
-        overview: of the whole scene.
-        part, scene, measured: the range, its Gaussians, and what they weigh.
-        view_set: which views.
-    """
+    """Pictures of the source to judge a range by."""
     rows, runs = choose_piece(overview, part, scene)
     scene, measured = scene.take(rows), measured.take(rows)
     cameras, drawable = overview.views[view_set].cameras, overview.drawn(part, scene, runs)
@@ -88,11 +82,6 @@ def render_pictures(
 
 def judge(overview: Overview, fit: Fit, part: Range, shown: Pictures) -> F64:
     """Judge a range by what it adds to the errors of pictures under a Fit.
-
-    Args:
-        overview, fit: of the whole scene.
-        part: the range.
-        shown: pictures of it.
 
     Returns:
         (2, V) for every view: its mean squared error, peak 1, 0 where the range is not seen; and the part of what the

@@ -67,12 +67,7 @@ def _chances(shares: F64, most: int) -> F64:
 
 
 def estimate_shares(scene: GaussianScene, cameras: Sequence[Camera]) -> F64:
-    """(V,) part of the weights of Gaussians that each of V views tells, were nothing in front of them: their mean.
-
-    Args:
-        scene: some of the Gaussians.
-        cameras: all views of a kind.
-    """
+    """(V,) part of the weights of Gaussians that each of V views tells, were nothing in front of them: their mean."""
     if not cameras:
         return np.zeros(0)
     shown = np.stack([_shown(scene, camera) for camera in cameras])
@@ -104,13 +99,7 @@ def _inside(middle: F64, reach: F64, size: int) -> F64:
 
 
 def measure(overview: Overview, part: Range, scene: GaussianScene) -> Weights:
-    """Weigh the Gaussians of a range from some of the scene's views, above all from those that tell most of it.
-
-    Args:
-        overview: of the whole scene.
-        part: the range.
-        scene: its Gaussians, in any order; the result is in the same.
-    """
+    """Weigh the Gaussians of a range, in their order, from some of the scene's views: mostly those that tell most."""
     looked, effort = overview.survey, overview.options.effort
     if not looked.cameras:
         return _in_binary32(weigh_draft(scene, looked))
@@ -153,11 +142,6 @@ def sample_range(overview: Overview, part: Range, scene: GaussianScene, measured
     """Gaussians of a range: of every range the same share, and of each level of importance, evenly spread in space.
 
     The few that weigh most open classes of their own, so that each range sends one of its highest level.
-
-    Args:
-        overview: of the whole scene.
-        part: the range.
-        scene, measured: its Gaussians, and what they weigh.
     """
     order = np.lexsort((overview.bounds.paths(scene.positions), -importance_levels(measured, scene.sh_degree)))
     step = max(overview.bounds.count / SAMPLE_ROWS, 1.0)

@@ -55,7 +55,6 @@ class Overview:
         """Gaussians of a range, then proxies of all others, ready to be drawn.
 
         Args:
-            part: the range.
             scene: all its Gaussians, or some that stand for those of some runs.
             runs: of the range, the first of these runs and the one past the last; None for all.
         """
@@ -70,8 +69,6 @@ def summarise_range(scene: GaussianScene, part: Range, bounds: Bounds, options: 
 
     Args:
         scene: the Gaussians of the range, at least one, without NaN or infinity.
-        part: the range.
-        bounds: of the whole scene.
         options: `seed`.
     """
     order = np.argsort(bounds.paths(scene.positions), kind="stable")
@@ -89,11 +86,6 @@ def build_overview(
     summaries: Sequence[RangeSummary], parts: Sequence[Range], bounds: Bounds, options: EncodeOptions
 ) -> Overview:
     """Put together what all ranges give.
-
-    Args:
-        summaries: of each range, in their order.
-        parts: the ranges.
-        bounds, options: of the scene.
 
     Raises:
         InvalidInput: ``input-frame``.

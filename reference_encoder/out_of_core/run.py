@@ -112,8 +112,6 @@ def encode_job(
     """Write the file of a scene. The same job gives the same bytes, whoever works, and however often it is resumed.
 
     Args:
-        job: what to do.
-        workers: who does it.
         target: opened for writing in binary mode.
         report: takes (one of `SHARES`, part of it that is done, 0..1).
 

@@ -139,7 +139,6 @@ def read_usable(chunk: Chunk, clean: bool) -> GaussianScene:
     """The Gaussians of a chunk that can be encoded, in order.
 
     Args:
-        chunk: what to read.
         clean: whether it is known that all can.
     """
     scenes = []
@@ -160,11 +159,7 @@ def count_chunk(
     """Count the Gaussians of a chunk in cells of a depth, and keep the counts.
 
     Args:
-        work, name: where they are chosen.
-        chunk: what to count.
-        bounds: of the scene.
         clean: whether it is known that all of its Gaussians can be encoded.
-        depth: of the cells.
         crowded: Morton codes of cells `DEEPER` less deep, ascending: only what lies in these is counted; None for all.
 
     Returns:
@@ -232,7 +227,6 @@ def partition(cells: Cells, range_size: int, tile_anchors: int) -> tuple[Range, 
     """Ranges that hold about equally many, at most about `range_size` Gaussians; together they are everything.
 
     Args:
-        cells: what lies where.
         range_size: Gaussians of a range.
         tile_anchors: most Gaussians of a tile.
     """

@@ -46,7 +46,6 @@ class Workers:
 
         Args:
             function: of a module.
-            tasks: arguments of each call.
 
         Raises:
             InvalidInput: ``work-lost``: the workers of a task died `TRIES` times.

@@ -126,7 +126,6 @@ def gaussian_input(
     """What is to be decided about N Gaussians that are worth sending.
 
     Args:
-        attributes, seen: of them.
         classes: (N,) class of each, of `count`.
         placement: their cells and tiles.
         lambda_: of the last layer, squared picture error per bit.
@@ -202,7 +201,6 @@ def report_encoding(survey: Views, left_out: tuple[int, int], plain: int | None)
     """JSON-able member of METADATA: how the scene was looked at, and what of it is not in the file as it was.
 
     Args:
-        survey: the views.
         left_out: Gaussians that are invisible, and others that are too faint.
         plain: Gaussians that lost their view-dependent colour; None where the source has none.
     """

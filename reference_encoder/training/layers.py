@@ -32,7 +32,6 @@ class LayerPlan:
         """`count` layers: the later half one step finer, each prefix larger by about the same factor.
 
         Args:
-            count: how many layers.
             last: how many times as often as each other the last one is drawn; at 1 it pays for the others.
         """
         late = count - count // 2

@@ -58,7 +58,6 @@ def undistort_photos(
     Args:
         path: of the capture, for messages.
         views: the photos' lenses and poses.
-        files: the photos.
         workspace: folder for what is made, which is made once.
         report: called with (stage, part done).
 

@@ -71,7 +71,6 @@ class RateController:
         """Loss a bit by layer at which masks are decided now; prices follow where sizes are wanted.
 
         Args:
-            importance: of slots.
             allowed: (N, K) slots that may be shown.
             weight: how much rate counts already, 0..1.
             keeps: least share of its bits that the last layer keeps: a slot closed there never opens again.

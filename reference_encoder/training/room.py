@@ -19,11 +19,7 @@ _CGROUP = Path("/sys/fs/cgroup")
 
 
 def needed_room(capture: Capture, scale: float = 1.0) -> tuple[int, int]:
-    """Bytes of memory that a run takes, about, and of disk, for pixels, while it runs.
-
-    Args:
-        scale: of the photos.
-    """
+    """Bytes of memory that a run takes, about, and of disk, for pixels, while it runs; photos scaled by so much."""
     areas = [scale * scale * photo.camera.width * photo.camera.height for photo in capture.photos]
     memory = _PROCESS + _A_PIXEL * max(areas) + _A_POINT * len(capture.points)
     return int(memory), int(3 * sum(areas))

@@ -316,7 +316,6 @@ def train(
     """Learn a scene from photos, and write it.
 
     Args:
-        capture: photos with cameras, and points to start from.
         options: None for the defaults.
         folder: for checkpoints, log and plot; a run that was interrupted or stopped goes on from the last checkpoint
             there. Who has the file safe discards them (`run_folder.discard_checkpoints`). None keeps nothing.

@@ -56,12 +56,7 @@ class RunLog:
         self._drawn = time.monotonic()
 
     def note(self, progress: Progress, **more: float | str | None) -> None:
-        """Add a line, whole before this returns; every few minutes the plot is drawn again.
-
-        Args:
-            progress: its fields are the line's members.
-            more: further members.
-        """
+        """Add a line, whole before this returns; every few minutes the plot is drawn again."""
         self._stream.write(_line(asdict(progress) | more))
         self._stream.flush()
         if time.monotonic() - self._drawn >= DRAW_EVERY_SECONDS:
@@ -130,7 +125,6 @@ def save_checkpoint(folder: Path, iteration: int, state: State, whose: str) -> N
     """Write the state after `iteration` iterations to `folder`, which is made, and remove all but the last two.
 
     Args:
-        folder: of the training.
         iteration: below 10^8.
         state: tensors of any device; they are read back onto the processor.
         whose: the training's :func:`identity`.

@@ -136,7 +136,6 @@ def hybrid_levels(anchor_count: int, extent: tuple[float, float, float]) -> tupl
     """The paper's grid: two 3D levels, two a plane, and levels of single axes.
 
     Args:
-        anchor_count: anchors of the scene.
         extent: from :func:`fit_box`.
     """
     axes = [_level(plane, resolution, resolution + 1) for resolution in AXIS_RESOLUTIONS for plane in (4, 5, 6)]

@@ -257,7 +257,6 @@ def composite(prepared: Prepared, gaussians: Gaussians, background: Tensor, came
         prepared: what shows of the Gaussians, and where.
         gaussians: M of them; gradients of opacities and colours arrive there.
         background: (3,) colour behind everything.
-        camera: gives the size of the picture.
     """
     inputs = prepared.means, prepared.ellipses, gaussians.opacities, gaussians.colours, background
     return cast(tuple[Tensor, Tensor], _Composite.apply(*inputs, prepared, camera))  # type: ignore[no-untyped-call]

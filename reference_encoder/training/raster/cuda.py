@@ -121,7 +121,6 @@ def list_tiles(means: Tensor, halves: Tensor, camera: Camera) -> Listing:
     Args:
         means: (S, 2) float32 pixels, without gradient.
         halves: (S, 2) float32 half extents, pixels.
-        camera: gives the size of the picture.
     """
     columns, rows = -(-camera.width // TILE), -(-camera.height // TILE)
     last = means.new_tensor([camera.width - 1, camera.height - 1])
@@ -230,11 +229,10 @@ def _of_splats(sums: Tensor, shapes: Tensor, opacities: Tensor) -> tuple[Tensor,
 
 
 def draw(gaussians: Gaussians, camera: Camera, background: Tensor) -> tuple[Tensor, Tensor, Tensor, Tensor]:
-    """The (H, W, 3) picture, (M, 2) means, (S,) which are seen, and their (S,) sums of alpha times transmittance.
+    """The (H, W, 3) picture of M Gaussians, their (M, 2) means, (S,) which are seen, and the (S,) sums of alpha times
+    transmittance of these.
 
     Args:
-        gaussians: M of them.
-        camera: where from.
         background: (3,) colour behind everything.
 
     Raises:

@@ -37,8 +37,6 @@ def rasterise(gaussians: Gaussians, camera: Camera, background: Tensor) -> Pictu
     the CPU whatever the number of threads (`torch.get_num_threads()` are used).
 
     Args:
-        gaussians: M of them.
-        camera: where from.
         background: (3,) float32 colour behind everything.
 
     Raises:
