@@ -46,7 +46,7 @@ def test_in_the_hard_phase_pictures_move_books_and_decoder() -> None:
     given = latent.clone().requires_grad_()
     vectors.features(given, ROWS, 2, replace(SOFT, hard=True)).square().sum().backward()
     assert float(given.grad.abs().sum()) > 0
-    assert all(p.grad is not None and float(p.grad.abs().sum()) > 0 for p in vectors.quantiser.book_parameters())
+    assert all(p.grad is not None and float(p.grad.abs().sum()) > 0 for p in vectors.quantiser.books.parameters())
 
 
 def test_more_stages_say_more() -> None:
