@@ -5,16 +5,15 @@ from __future__ import annotations
 import sys
 
 import pytest
-from click.testing import CliRunner
 from scarfmt_conformance.command import conformance as commands
 
-from scarfmt.cli import cli
 from scarfmt.cli.conformance import conformance
+from tests.cli.conftest import run
 
 
 def test_commands_and_help_are_those_of_the_distribution() -> None:
     """Nothing is listed twice, so nothing can differ."""
-    result = CliRunner().invoke(cli, ["conformance", "--help"])
+    result = run("conformance", "--help")
     assert result.exit_code == 0
     assert all(f"\n  {name} " in result.stdout for name in commands.commands)
     assert conformance.get_short_help_str() == commands.get_short_help_str()
@@ -40,7 +39,7 @@ def absent(monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.mark.parametrize("arguments", [["run"], ["list", "--help"]])
 def test_without_it_one_line_says_how_to_get_it(arguments: list[str]) -> None:
     """No traceback, and a command that exists."""
-    result = CliRunner().invoke(cli, ["conformance", *arguments])
+    result = run("conformance", *arguments)
     assert result.exit_code == 1
     (line,) = result.stderr.splitlines()
     assert "pip install ./conformance/suite" in line
@@ -48,5 +47,5 @@ def test_without_it_one_line_says_how_to_get_it(arguments: list[str]) -> None:
 
 @pytest.mark.usefixtures("absent")
 def test_the_list_of_commands_works_without_it() -> None:
-    assert "conformance" in CliRunner().invoke(cli, ["--help"]).stdout
-    assert CliRunner().invoke(cli, ["conformance", "--help"]).exit_code == 0
+    assert "conformance" in run("--help").stdout
+    assert run("conformance", "--help").exit_code == 0

@@ -10,12 +10,10 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from click.testing import CliRunner
 
 import scarfmt
 from reference_encoder.training import run as trainer
 from reference_encoder.training.options import FINISHING, Progress
-from scarfmt.cli import cli
 from tests.cli.conftest import python, run
 from tests.reference_encoder.training import captures
 
@@ -31,7 +29,7 @@ def capture(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def whole(capture: Path, tmp_path_factory: pytest.TempPathFactory) -> bytes:
     """The result of a training that nothing interrupts."""
     target = tmp_path_factory.mktemp("whole") / "a.scar"
-    result = CliRunner().invoke(cli, ["train", str(capture), str(target), *SAID])
+    result = run("train", capture, target, *SAID)
     assert result.exit_code == 0, result.output
     assert f"layer 2: {target.stat().st_size:>12,} bytes" in result.stderr
     left = sorted(path.name for path in (target.parent / "a.scar.run").iterdir())

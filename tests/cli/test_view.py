@@ -6,10 +6,9 @@ from pathlib import Path
 
 import click
 import pytest
-from click.testing import CliRunner
 
-from scarfmt.cli import cli
 from scarfmt.viewer import server as serving
+from tests.cli.conftest import run
 from tests.conftest import REPOSITORY
 
 SCENE = REPOSITORY / "web" / "test" / "data" / "toys.scar"
@@ -26,7 +25,7 @@ def opened(monkeypatch: pytest.MonkeyPatch) -> list[str]:
 
 
 def test_the_browser_is_sent_to_the_scene(opened: list[str]) -> None:
-    done = CliRunner().invoke(cli, ["view", str(SCENE)])
+    done = run("view", SCENE)
     assert done.exit_code == 0, done.output
     assert len(opened) == 1
     assert opened[0].startswith("http://127.0.0.1:")
@@ -35,12 +34,12 @@ def test_the_browser_is_sent_to_the_scene(opened: list[str]) -> None:
 
 
 def test_two_scenes_are_shown_beside_each_other(opened: list[str]) -> None:
-    CliRunner().invoke(cli, ["view", str(SCENE), str(SCENE)])
+    run("view", SCENE, SCENE)
     assert opened[0].endswith("/?url=/scenes/0/toys.scar&beside=/scenes/1/toys.scar")
 
 
 def test_nothing_is_opened_on_request(opened: list[str]) -> None:
-    done = CliRunner().invoke(cli, ["view", str(SCENE), "--no-browser"])
+    done = run("view", SCENE, "--no-browser")
     assert (done.exit_code, opened) == (0, [])
     assert "http://127.0.0.1:" in done.output
 
@@ -49,7 +48,7 @@ def test_what_is_no_scar_file_is_refused_before_a_browser_opens(opened: list[str
     other = tmp_path / "photo.scar"
     other.write_bytes(b"\x89PNG" * 100)
     for name, refusal in ((str(other), "bad-signature"), (str(tmp_path / "none.scar"), "input-source")):
-        done = CliRunner().invoke(cli, ["view", name])
+        done = run("view", name)
         assert (done.exit_code, opened) == (1, [])
         assert refusal in done.output
 
@@ -57,6 +56,6 @@ def test_what_is_no_scar_file_is_refused_before_a_browser_opens(opened: list[str
 def test_a_taken_port_is_one_clear_line(opened: list[str]) -> None:
     with serving.ViewerServer({}) as taken:
         port = str(taken.server_address[1])
-        done = CliRunner().invoke(cli, ["view", str(SCENE), "--port", port])
+        done = run("view", SCENE, "--port", port)
     assert (done.exit_code, opened) == (1, [])
     assert f"port {port}" in done.output

@@ -29,7 +29,7 @@ def opened(data: bytes, *, allow_truncated: bool = False) -> SceneReader:
     return SceneReader(BytesSource(data), allow_truncated=allow_truncated)
 
 
-@settings(deadline=None, max_examples=20)
+@settings(max_examples=20)
 @given(quantised_scenes(), st.randoms(use_true_random=False))
 def test_the_order_of_tiles_changes_nothing(scene: QuantisedScene, random: object) -> None:
     """Tiles come in the order asked for, also some of them, also twice."""

@@ -25,7 +25,7 @@ from tests.samples.contents import read_everything
 from tests.samples.equality import same
 
 
-@settings(deadline=None, max_examples=40)
+@settings(max_examples=40)
 @given(quantised_scenes())
 def test_scenes_come_back_and_equal_scenes_give_equal_bytes(scene: QuantisedScene) -> None:
     """Both profiles come back: with tiles without anchors, scenes without anchors, and layers that add nothing."""
@@ -46,7 +46,7 @@ def test_scenes_come_back_and_equal_scenes_give_equal_bytes(scene: QuantisedScen
     assert write_scene(again) == data
 
 
-@settings(deadline=None, max_examples=30)
+@settings(max_examples=30)
 @given(scenes(max_layers=6), st.data())
 def test_truncating_equals_encoding_fewer_layers(scene: QuantisedScene, data: st.DataObject) -> None:
     """SPEC §14 for whole scenes, byte for byte; and keeping layers in two goes is keeping them at once.

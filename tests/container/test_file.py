@@ -10,7 +10,7 @@ from collections.abc import Callable
 from functools import partial
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from conformance.surgery.parts import flipped
@@ -50,7 +50,6 @@ def refusal_of(data: bytes, error: type[ScarError], **options: Limits) -> ScarEr
 # ------------------------------------------------------------------------------------------------ round trips
 
 
-@settings(deadline=None)
 @given(containers(), st.integers(0, 3), st.randoms())
 def test_what_is_written_is_read_back(arguments: tuple, page_bits: int, random: object) -> None:
     """Header, tiles, directory and payloads survive, whatever the pages and the order of the blocks given."""

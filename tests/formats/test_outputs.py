@@ -63,7 +63,7 @@ def turned_by(a: GaussianScene, b: GaussianScene) -> np.ndarray:
     return np.minimum(np.linalg.norm(p - q, axis=1), np.linalg.norm(p + q, axis=1))
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(odd_scenes)
 def test_gltf_keeps_floats(scene: GaussianScene) -> None:
     """Positions and harmonics bit for bit, the rest to the rounding of an exponential or a sigmoid in float32."""
@@ -77,7 +77,7 @@ def test_gltf_keeps_floats(scene: GaussianScene) -> None:
     assert (back.log_scales[flat] < -103).all()
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(odd_scenes, st.sampled_from([3, 4]), st.integers(1, 8), st.integers(1, 8))
 def test_spz_rounds_to_its_steps(scene: GaussianScene, version: int, first: int, rest: int) -> None:
     scene, options = wide(scene), SpzOptions(version, None, (first, rest))
@@ -101,7 +101,7 @@ def test_spz_rounds_to_its_steps(scene: GaussianScene, version: int, first: int,
     assert turned_by(back, scene).max() < 2 * np.sqrt(3) * 0.5 * np.sqrt(0.5) / 511 * 1.1
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(odd_scenes)
 def test_compressed_ply_rounds_within_the_bounds_of_its_chunks(scene: GaussianScene) -> None:
     scene = wide(scene)

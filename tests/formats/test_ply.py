@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
@@ -255,7 +255,6 @@ def small_scene() -> GaussianScene:
     return GaussianScene(np.array([[1.0, 2, 3], [4, 5, 6]]), f32(-np.ones((2, 3))), quaternions, f32([7, 8]), values)
 
 
-@settings(deadline=None)
 @given(scenes())
 def test_import_of_export_is_the_same_bits(scene: GaussianScene) -> None:
     back = read_scene(scene_ply(scene))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import example, given, settings
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from scarfmt.errors import Malformed
@@ -30,7 +30,6 @@ def filled(rng: np.random.Generator, out: int, columns: int, amax: int, shift: i
     return Linear(weights, room * rng.choice([-1, 1], out), shift)
 
 
-@settings(deadline=None)
 @given(st.integers(0, 2**32 - 1), st.integers(8, 12), st.integers(0, 23), st.integers(1, 70))
 def test_layers_at_the_bound_compute_the_integers(seed: int, bits: int, shift: int, columns: int) -> None:
     """Random inputs, and those that drive an accumulator to its extreme, at every shift."""
@@ -46,7 +45,6 @@ def test_layers_at_the_bound_compute_the_integers(seed: int, bits: int, shift: i
     assert layer.relu(x, amax).tolist() == np.clip(exact, 0, amax).tolist()
 
 
-@settings(deadline=None)
 @given(st.integers(0, 2**32 - 1), st.integers(8, 12), st.integers(0, 23))
 def test_one_more_than_the_bound_is_refused(seed: int, bits: int, shift: int) -> None:
     """A bias larger by 1, in one row."""

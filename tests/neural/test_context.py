@@ -5,7 +5,7 @@ from __future__ import annotations
 from fractions import Fraction
 
 import numpy as np
-from hypothesis import example, given, settings
+from hypothesis import example, given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
@@ -57,7 +57,6 @@ def test_fine_is_the_nearest_1024th_of_the_first_cell(value: int, steps: int) ->
     assert fine(np.array([[value]]), np.array([steps])).tolist() == [[want]]
 
 
-@settings(deadline=None)
 @given(seeds, st.integers(1, 60), st.integers(0, MAX_LOCAL_BITS), st.integers(1, 70))
 def test_the_depth_is_the_least_with_cells_full_enough(seed: int, count: int, bits: int, target: int) -> None:
     """Counted as in the text: cells(e) * target <= anchors."""
@@ -87,7 +86,6 @@ def test_passes_split_ranks_as_the_text_says(count: int, passes_log2: int) -> No
     assert sorted(np.concatenate(found).tolist()) == list(range(count))
 
 
-@settings(deadline=None)
 @given(seeds, st.integers(0, 50), st.integers(1, 12), st.lists(st.integers(1, 20), max_size=4, unique=True))
 @example(0, 0, 1, [3, 1])
 @example(1, 4, 1, [])

@@ -67,7 +67,7 @@ def questions(draw: st.DrawFn) -> tuple[Case, I64, I64]:
     return case, x, codes
 
 
-@settings(deadline=None, max_examples=120)
+@settings(max_examples=120)
 @given(questions())
 def test_frequencies_are_those_of_the_oracle(question: tuple[Case, I64, I64]) -> None:
     """Networks of every kind, up to the edge of the accumulators; extreme inputs."""
@@ -75,7 +75,7 @@ def test_frequencies_are_those_of_the_oracle(question: tuple[Case, I64, I64]) ->
     assert all_rows(Evaluator(case.network, case.books), case, x, codes) == oracle_rows(case, x, codes)
 
 
-@settings(deadline=None, max_examples=40)
+@settings(max_examples=40)
 @given(questions(), st.sampled_from([np.int16, np.int32, np.int64]))
 def test_selecting_anchors_between_stages_changes_nothing(question: tuple[Case, I64, I64], dtype: type) -> None:
     """A subset of the anchors, taken from embeddings and states, has the rows it has alone."""
@@ -91,7 +91,7 @@ def test_selecting_anchors_between_stages_changes_nothing(question: tuple[Case, 
     assert np.array_equal(np.asarray(some), np.asarray(alone))
 
 
-@settings(deadline=None, max_examples=30)
+@settings(max_examples=30)
 @given(st.integers(0, 2**32 - 1), st.integers(0, 40))
 def test_member_blocks_are_the_member_rows_in_coding_order(seed: int, count: int) -> None:
     """Every anchor once unless its cluster is a single codeword; clusters ascend; order is kept."""

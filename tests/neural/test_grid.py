@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from hypothesis import example, given, settings
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from scarfmt.neural.grid import MAX_EXTENT_BITS, MAX_RESOLUTION, MAX_TABLE_LOG2, GridLevel, HashGrid, check_grid
@@ -63,7 +63,6 @@ LEVELS = st.builds(
 )
 
 
-@settings(deadline=None)
 @given(
     st.lists(LEVELS, min_size=1, max_size=4),
     st.integers(0, MAX_EXTENT_BITS),

@@ -26,7 +26,7 @@ def test_the_input_width_is_the_sum_of_its_columns() -> None:
     assert replace(INPUTS, own=False, depths=3).width == 2 + 3 * 6 + 2
 
 
-@settings(deadline=None, max_examples=50)
+@settings(max_examples=50)
 @given(cases())
 def test_random_networks_are_valid_also_for_fewer_stages(case: Case) -> None:
     """At the edge of their bounds too; a truncated scene keeps the network of the whole one."""

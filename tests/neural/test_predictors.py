@@ -44,7 +44,6 @@ def literal_context(net: Predictor, x: list[int]) -> int:
     return min(max(one, 0), net.buckets[0] - 1) * net.buckets[1] + min(max(two, 0), net.buckets[1] - 1)
 
 
-@settings(deadline=None)
 @given(st.integers(0, 2**32 - 1), st.integers(1, 40), st.integers(0, 12), st.integers(1, 16), st.integers(1, 16))
 def test_contexts_are_exact(seed: int, inputs: int, units: int, one: int, two: int) -> None:
     """Integer by integer, with weights and inputs at the edge of their ranges."""
@@ -126,7 +125,7 @@ class Tile:
         ]
 
 
-@settings(deadline=None, max_examples=30)
+@settings(max_examples=30)
 @given(st.integers(0, 2**32 - 1), st.integers(1, 6))
 def test_inputs_are_those_of_the_text(seed: int, step: int) -> None:
     """Every column of every anchor, for both components; in step 1 the second sees the first."""

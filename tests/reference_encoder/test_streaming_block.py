@@ -90,6 +90,15 @@ def test_the_first_view_is_a_camera_that_looks_at_the_scene(scene: QuantisedScen
     assert max(to @ forward / np.linalg.norm(to) / np.linalg.norm(forward) for to in towards) > 0.9
 
 
+def test_the_first_view_is_amid_the_cameras(scene: QuantisedScene) -> None:
+    """One camera far from the others is not it."""
+    others = [
+        look_at(np.array([-6.0 + 0.1 * k, 0.0, 3.0]), np.array([-6.0, 0.0, 0.0]), UP, 160, 120, 50.0) for k in range(20)
+    ]
+    view = build(scene, replace(OPTIONS, cameras=[NEAR_RIGHT, *others])).view
+    assert view.position[0] < 0
+
+
 def test_files_of_a_single_tile_have_a_view_too(source: GaussianScene) -> None:
     """Of one tile there is no choice, but of places to look from there is."""
     options = replace(OPTIONS, tile_anchors=4096)

@@ -49,7 +49,7 @@ def halves(data: bytes) -> list[bytes]:
     return split(data, even_parts(Container(BytesSource(data)), 2))
 
 
-@settings(deadline=None, max_examples=20)
+@settings(max_examples=20)
 @given(st.sampled_from([*Profile]), st.booleans(), st.data())
 def test_what_was_split_is_merged_to_the_same_bytes(profile: Profile, streaming: bool, data: st.DataObject) -> None:
     """However its tiles are divided, also where parts lie between each other; in any order."""

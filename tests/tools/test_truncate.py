@@ -6,7 +6,7 @@ import dataclasses
 import io
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from conformance.surgery.parts import flipped
@@ -21,7 +21,6 @@ from tests.samples.codec_samples import refuses
 from tests.samples.container_samples import COUNTS, FIELDS, TILES, containers, sample_blocks, sample_file
 
 
-@settings(deadline=None)
 @given(containers(), st.data())
 def test_truncating_equals_writing_fewer_layers(arguments: tuple, data: st.DataObject) -> None:
     """SPEC §14: truncate(encode(L layers), k) == encode(k layers), byte for byte."""

@@ -48,7 +48,7 @@ def with_blocks(data: bytes, change: Callable[[Block], Block | None], extra: tup
     return rebuilt(data, [*blocks, *extra])
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(st.data())
 def test_any_cut_is_found_and_tells_the_whole_layers(data: st.DataObject) -> None:
     size = data.draw(st.integers(0, len(EXPLICIT) - 1))

@@ -25,7 +25,7 @@ def rebuilt(placement: Placement) -> np.ndarray:
     return np.array(lattice.origin) + lattice.voxel * (corner + local + cell / 2 + cell * placement.residual)
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(
     seed=st.integers(0, 2**32 - 1),
     count=st.integers(1, 200),
@@ -77,7 +77,7 @@ def test_tiles_are_as_small_as_asked_for_and_cells_are_still_right() -> None:
     assert counts[0] > counts[1] > counts[2] == 1
 
 
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=100)
 @given(
     codes=st.lists(st.integers(0, 8**4 - 1), min_size=1, max_size=60).map(sorted),
     most=st.integers(1, 20),

@@ -68,7 +68,7 @@ def seen(costs: LayerCosts, choice: LayerChoice) -> float:
     return decibels(costs.steps(choice), choice.parts)
 
 
-@settings(deadline=None, max_examples=20)
+@settings(max_examples=20)
 @given(seed=st.integers(0, 50), layers=st.integers(2, 8))
 def test_layers_by_rule_are_a_valid_table(seed: int, layers: int) -> None:
     """Falling lambdas never take anything back; there are no more layers than asked for, and bits grow."""
@@ -167,7 +167,7 @@ def test_low_quality_wants_less_of_its_first_picture(costs: LayerCosts) -> None:
     assert costs.bits(low) < costs.bits(find_first_layer(costs, decibels, QUALITY, 0.3))
 
 
-@settings(deadline=None, max_examples=20)
+@settings(max_examples=20)
 @given(seed=st.integers(0, 50), layers=st.integers(2, 8))
 def test_every_layer_looks_better(seed: int, layers: int) -> None:
     """Layers chosen by looks are a valid table, grow in bits, and each gains a dB, the last included."""

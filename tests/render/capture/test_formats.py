@@ -48,7 +48,7 @@ KINDS = ("own", "inria", "transforms", "colmap binary", "colmap text")
 
 
 @pytest.mark.parametrize("kind", KINDS)
-@settings(max_examples=10, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=10, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(st.lists(st.integers(0, 9999), min_size=1, max_size=5, unique=True))
 def test_what_was_written_is_read(kind: str, tmp_path: Path, seeds: list[int]) -> None:
     cameras = [files.camera(seed) for seed in sorted(seeds)]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import torch
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from reference_encoder.training.networks.head import powers, range_bits
@@ -31,7 +31,6 @@ def _by_torch(
     return -torch.log2(share * (1 - (ranges[:, 1] - ranges[:, 0]) / 2**24) + 2**-24)
 
 
-@settings(deadline=None)  # the first call compiles
 @given(st.integers(0, 10**6), st.integers(0, 6), st.integers(1, 9), st.integers(1, 40))
 def test_bits_and_gradients_are_those_of_a_softmax(seed: int, rows: int, dims: int, symbols: int) -> None:
     """For any ranges, weights of the rows included; symbols that are next to impossible cost at most 24 bits."""
