@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import warnings
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -43,7 +44,10 @@ def test_good_scene_is_returned_itself(good: GaussianScene | AnchorModel) -> Non
 @pytest.mark.parametrize("empty", [scene(0), model(0)])
 @pytest.mark.parametrize("drop", [False, True])
 def test_empty_scene_is_refused(empty: GaussianScene | AnchorModel, drop: bool) -> None:
+    """So is one of which nothing is left."""
     refuses("input-empty", lambda: clean(empty, drop_invalid=drop))
+    lost = replace(scene(), positions=np.full((5, 3), np.nan))
+    refuses("input-empty", lambda: clean(lost, drop_invalid=True))
 
 
 @pytest.mark.parametrize("attribute", ATTRIBUTES + ANCHOR_ATTRIBUTES)
@@ -99,12 +103,6 @@ def test_rows_of_zeros_are_counted_and_kept() -> None:
         "2 of 5 Gaussians are rows of zeros, as som",
         "1 of 5 Gaussians have a rotation of length",
     ]
-
-
-def test_nothing_left_is_an_empty_scene() -> None:
-    damaged = scene()
-    damaged.positions[:] = np.nan
-    refuses("input-empty", lambda: clean(damaged, drop_invalid=True))
 
 
 def test_damaged_network_cannot_be_dropped() -> None:

@@ -89,17 +89,15 @@ def test_the_same_bits_whatever_the_number_of_threads() -> None:
 
 
 def test_nothing_in_the_picture_shows_the_background() -> None:
-    here = leaves(replace(mixed(0), centres=torch.full((50, 3), -9.0)), torch.float32)
-    picture = rasterise(here, turned_camera(), BACKGROUND)
-    assert torch.equal(picture.image, BACKGROUND.expand(32, 32, 3))
-    assert not picture.shown.any()
-    picture.image.sum().backward()
-    assert all(not getattr(here, one.name).grad.any() for one in fields(Gaussians))
-
-
-def test_no_gaussian_at_all() -> None:
-    none = Gaussians(torch.empty(0, 3), torch.empty(0, 3), torch.empty(0, 4), torch.empty(0), torch.empty(0, 3))
-    assert torch.equal(rasterise(none, turned_camera(), BACKGROUND).image, BACKGROUND.expand(32, 32, 3))
+    """Gaussians behind the camera, and none at all."""
+    behind = replace(mixed(0), centres=torch.full((50, 3), -9.0))
+    for scene in (behind, Gaussians(*(one[:0] for one in behind.tensors()))):
+        here = leaves(scene, torch.float32)
+        picture = rasterise(here, turned_camera(), BACKGROUND)
+        assert torch.equal(picture.image, BACKGROUND.expand(32, 32, 3))
+        assert not picture.shown.any()
+        picture.image.sum().backward()
+        assert all(not getattr(here, one.name).grad.any() for one in fields(Gaussians))
 
 
 def test_values_that_are_not_numbers_are_not_drawn() -> None:
