@@ -61,7 +61,12 @@ def find_opening_view(scene: GaussianScene | AnchorModel, options: EncodeOptions
     around = Surroundings.of(place_anchors(scene), options.frame)
     if isinstance(scene, AnchorModel):
         return _look_at(around, around.middle, around.direction(0.5, 20.0), 1.6).camera
-    drawable, views = _covering(scene), list(_views(around))
+    covering, views = scene, list(_views(around))
+    if len(scene) > OPENING_GAUSSIANS:
+        # Those that cover most: area of the two longest axes times opacity.
+        extent = np.sort(scene.log_scales, axis=1)[:, 1:].sum(axis=1) - np.logaddexp(0, -scene.opacity_logits)
+        covering = scene.take(np.sort(np.argpartition(-extent, OPENING_GAUSSIANS)[:OPENING_GAUSSIANS]))
+    drawable = Drawable.of(covering)
     shown = [_show(drawable, view) for view in views]
     best, _ = max(zip(views, shown, strict=True), key=lambda pair: pair[0].factor * pair[1][0])
     edge = float(np.median([_edge(opacity) for _, opacity in shown[:OPENING_TURNS]]))
@@ -106,14 +111,6 @@ def _show(drawable: Drawable, view: _View) -> tuple[float, F32]:
 def _edge(opacity: F32) -> float:
     """Mean opacity along the edge of the frame."""
     return float(np.concatenate([opacity[[0, -1]].ravel(), opacity[:, [0, -1]].ravel()]).mean())
-
-
-def _covering(scene: GaussianScene) -> Drawable:
-    """The Gaussians that cover most: area of the two longest axes times opacity."""
-    if len(scene) <= OPENING_GAUSSIANS:
-        return Drawable.of(scene)
-    extent = np.sort(scene.log_scales, axis=1)[:, 1:].sum(axis=1) - np.logaddexp(0, -scene.opacity_logits)
-    return Drawable.of(scene.take(np.sort(np.argpartition(-extent, OPENING_GAUSSIANS)[:OPENING_GAUSSIANS])))
 
 
 def _views(around: Surroundings) -> Iterator[_View]:

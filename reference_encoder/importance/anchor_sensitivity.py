@@ -45,11 +45,6 @@ class AnchorSensitivity:
         """The anchors at `index`, in that order."""
         return AnchorSensitivity(self.shape[index], self.colour[index], self.inverse_variance[index], self.metric)
 
-    @property
-    def feature(self) -> F64:
-        """(N,) weight of each anchor's feature."""
-        return np.asarray((self.shape + self.colour).sum(axis=1))
-
 
 def draw_anchors(model: AnchorModel) -> Callable[[Camera], F32]:
     """From camera to (height, width, 3) float32 picture of a model."""

@@ -40,15 +40,12 @@ class LatentFit:
     projection: F64
     decoder: QuantisedMlp
 
-    @property
-    def unit(self) -> float:
-        """Length of a unit of the latent, in units of colours."""
-        return float(1 / np.sqrt((self.projection[:, 0] ** 2).sum()))
-
     def of(self, attributes: Attributes, seen: Sensitivity) -> Latent:
         """The latents of some Gaussians, in the basis of the whole scene."""
         values = (attributes.rest @ self.projection).astype(np.float32)
-        return Latent(values, seen.colour * REST_SHARE * self.unit**2, self.decoder, self.projection)
+        # Length of a unit of the latent, in units of colours.
+        unit = float(1 / np.sqrt((self.projection[:, 0] ** 2).sum()))
+        return Latent(values, seen.colour * REST_SHARE * unit**2, self.decoder, self.projection)
 
 
 @dataclass(frozen=True)
@@ -82,12 +79,6 @@ class Fit:
         shown = self.model.channel_index(Stream.LATENT) is not None
         decoder = self.latent.decoder if shown and self.latent is not None else None
         return QuantisedScene(self.fields, self.model, tiles, contents, decoder=decoder)
-
-    @property
-    def box(self) -> tuple[F64, F64]:
-        """Two corners of the root: where neighbours are told apart."""
-        low = np.array(self.root.low)
-        return low, low + self.root.side
 
 
 def ranked(seen: Sensitivity, lambda_: float, shift: float, sh_degree: int) -> F64:
@@ -130,13 +121,14 @@ def apply(
 
 def split_classes(fit: Fit, importance: I64, attributes: Attributes) -> I64:
     """(n,) classes as the file has them, of Gaussians of these classes of importance."""
-    none = np.zeros(fit.classes.count)
+    none, low = np.zeros(fit.classes.count), np.array(fit.root.low)
+    box = low, low + fit.root.side
     return (
         Classes(
             of=importance,
             count=fit.classes.count,
             importance=none,
-            coverage_rank=rank_by_coverage(attributes.positions, importance, log_extent(attributes), fit.box),
+            coverage_rank=rank_by_coverage(attributes.positions, importance, log_extent(attributes), box),
             presence_bits=lambda _: none,
         )
         .split(fit.parts)

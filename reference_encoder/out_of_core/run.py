@@ -15,6 +15,7 @@ from reference_encoder.out_of_core.code import write_file
 from reference_encoder.out_of_core.fit import Fit
 from reference_encoder.out_of_core.fit_scene import fit_scene
 from reference_encoder.out_of_core.judge import combine_quality
+from reference_encoder.out_of_core.overview import Overview
 from reference_encoder.out_of_core.scan import (
     DEEPER,
     DEPTH,
@@ -210,7 +211,9 @@ class _Chain:
                 return self._judged(judging_ranges, name, ViewSet.TUNING, f"judge-{tries}", "judge")
 
             self.report("fit", 0.0)
-            fit = fit_scene(self.work.get(tasks.OVERVIEW), tasks.samples_of(self.work), judged)
+            overview: Overview = self.work.get(tasks.OVERVIEW)
+            samples = [self.work.get(file_name("samples", number)) for number in range(len(overview.edges) - 1)]
+            fit = fit_scene(overview, samples, judged)
             self.work.put(tasks.FIT, fit)
         found: Fit = self.work.get(tasks.FIT)
         return found

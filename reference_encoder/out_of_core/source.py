@@ -56,11 +56,6 @@ class Part:
     format: str
     runs: tuple[tuple[int, int], ...] | None = None
 
-    @property
-    def count(self) -> int | None:
-        """Gaussians, None where only reading the file tells."""
-        return None if self.runs is None else sum(count for _, count in self.runs)
-
 
 @dataclass(frozen=True)
 class Chunk:
@@ -235,7 +230,7 @@ def _grouped(parts: Iterable[Part], rows: int) -> Iterator[tuple[Part, ...]]:
     group: list[Part] = []
     size = 0
     for part in parts:
-        count = rows if part.count is None else part.count
+        count = rows if part.runs is None else sum(length for _, length in part.runs)
         if group and size + count > rows:
             yield tuple(group)
             group, size = [], 0

@@ -17,7 +17,7 @@ from reference_encoder.out_of_core import bins, code, judge, measure, overview
 from reference_encoder.out_of_core.fit import Fit, apply
 from reference_encoder.out_of_core.overview import Overview
 from reference_encoder.out_of_core.source import Chunk
-from reference_encoder.out_of_core.types import Bounds, Histograms, Models, Range, Rows, Sample
+from reference_encoder.out_of_core.types import Bounds, Histograms, Models, Range, Rows
 from reference_encoder.out_of_core.work_dir import WorkDir, file_name, file_version
 from scarfmt.arrays import F64, I64, U8
 from scarfmt.scene.gaussians import GaussianScene
@@ -98,11 +98,6 @@ def measure_range(work: WorkDir, number: int) -> None:
     found = measure.measure(_overview(work), part, rows)
     work.put(file_name("measured", number), found)
     work.put(file_name("samples", number), measure.sample_range(_overview(work), part, rows, found))
-
-
-def samples_of(work: WorkDir) -> list[Sample]:
-    """The samples of all ranges."""
-    return [work.get(file_name("samples", part.number)) for part in _scene(work).ranges]
 
 
 def render_range(work: WorkDir, number: int, view_set: ViewSet) -> None:

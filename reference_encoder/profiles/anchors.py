@@ -93,7 +93,8 @@ class AnchorProfile:
         """
         kept = self._keep(predict_lambda(quality, len(self.model), ANCHOR_LAMBDA_DB))
         seen, model = kept.seen, kept.model
-        latent = fit_latent(model.features, seen.feature, kept.lambda_ * len(model), seen.metric)
+        feature = (seen.shape + seen.colour).sum(axis=1)
+        latent = fit_latent(model.features, feature, kept.lambda_ * len(model), seen.metric)
         if latent is None:
             raise InvalidInput("input-anchors", "no feature of this model is visible from the given cameras")
         weight = (seen.shape * seen.inverse_variance).sum(axis=1)

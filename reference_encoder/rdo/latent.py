@@ -48,7 +48,10 @@ def fit_latent(vectors: F32, weight: F64, tolerance: float, metric: F64 | None =
     centre, root, inverse = np.zeros(vectors.shape[1]), np.eye(vectors.shape[1]), np.eye(vectors.shape[1])
     if metric is not None:
         centre = (weight @ vectors) / max(float(weight.sum()), 1e-300)
-        root, inverse = metric_roots(metric)
+        values, axes = np.linalg.eigh(metric)
+        # A floor under the eigenvalues: the square root has an inverse.
+        values = np.sqrt(np.maximum(values, float(values.max()) * 1e-6))
+        root, inverse = (axes * values) @ axes.T, (axes / values) @ axes.T
     moments = np.zeros_like(root)
     for rows, x in _blocks(vectors, centre):
         moments += (x * weight[rows, None]).T @ x
@@ -73,10 +76,3 @@ def _blocks(vectors: F32, centre: F64) -> Iterator[tuple[slice, F64]]:
     for first in range(0, len(vectors), _ROWS):
         rows = slice(first, first + _ROWS)
         yield rows, vectors[rows] - centre
-
-
-def metric_roots(metric: F64) -> tuple[F64, F64]:
-    """Symmetric square root of `metric` and its inverse, with a floor under the eigenvalues."""
-    values, vectors = np.linalg.eigh(metric)
-    values = np.sqrt(np.maximum(values, float(values.max()) * 1e-6))
-    return (vectors * values) @ vectors.T, (vectors / values) @ vectors.T

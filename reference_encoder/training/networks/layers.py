@@ -13,7 +13,6 @@ from typing import Any, cast
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
 from torch import nn
 
 from reference_encoder.training.networks.jit import compiled
@@ -172,11 +171,6 @@ MAX_SHIFT = 24
 
 Scale = tuple[F64, F64]
 """(width,) each: what one unit of each input is in integers, and the mean to take off."""
-
-
-def codeword_scale(words: NDArray[Any]) -> Scale:
-    """(n, R) codewords as inputs."""
-    return np.maximum(words.std(axis=0), 2.0), np.zeros(words.shape[1])
 
 
 def hidden_scale(width: int) -> Scale:

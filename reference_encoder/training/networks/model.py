@@ -24,7 +24,6 @@ from reference_encoder.training.networks.layers import (
     Dense,
     NetworkShape,
     Scale,
-    codeword_scale,
     exp2_weights,
     geometric_bits,
     hidden_scale,
@@ -160,7 +159,7 @@ class IndexModel(nn.Module):
         value, state = hidden_scale(hidden), state_scale(hidden)
         self.first = Dense(inputs, wide, HIDDEN_UNIT, bits, generator)
         self.second = Dense(hidden_scale(wide), hidden, HIDDEN_UNIT, bits, generator)
-        tokens = [codeword_scale(word) for word in seen]
+        tokens = [(np.maximum(word.std(axis=0), 2.0), np.zeros(word.shape[1])) for word in seen]
         self.layers = [GruModel(shape, tokens, stages, max(stages - 1, 0), generator)]
         self.layers += [GruModel(shape, [state], stages, 1, generator) for _ in range(1, shape.gru_layers)]
         self.gru = nn.ModuleList(self.layers)
