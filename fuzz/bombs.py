@@ -8,6 +8,7 @@ from __future__ import annotations
 import argparse
 import itertools
 import resource
+import struct
 import subprocess
 import sys
 import time
@@ -24,7 +25,6 @@ from scarfmt.blocks.layer import pack_layer
 from scarfmt.blocks.mlp import Linear, QuantisedMlp, pack_networks
 from scarfmt.blocks.predictors import pack_predictors
 from scarfmt.blocks.tables import pack_tables
-from scarfmt.container.bytefields import unsigned_varint
 from scarfmt.container.file import Block, HeaderFields, Tile, write_container
 from scarfmt.container.schema import BlockKind, Profile, Stream
 from scarfmt.container.substreams import pack_substreams
@@ -187,8 +187,8 @@ def _large_grid(size: int) -> bytes:
     rng = np.random.default_rng(3)
     books = Codebooks(rng.integers(-9, 9, (4, 2)), np.zeros((0, 2), np.int64))
     model = SceneModel(Profile.EXPLICIT, 1, channels(SCALE), (LayerRow((1,), ((1,),), True),), DecodedContext(0, (4,)))
-    level = b"".join(map(unsigned_varint, (0, 65535, 19, 8)))
-    grid = b"".join(map(unsigned_varint, (0, 0, 0, 32, 4))) + 4 * level + 4 * (b"\x80" + bytes(4))
+    level = struct.pack("<BIBB", 0, 65535, 19, 8)
+    grid = struct.pack("<3I2B", 0, 0, 0, 32, 4) + 4 * level + 4 * (b"\x80" + bytes(4))
     network = random_network(rng, books, Inputs(1, True, 3, 1, 0, 0, 32), stages=1, two_level=False)
     blocks = [
         _decoder(2, 3),

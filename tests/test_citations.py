@@ -59,14 +59,14 @@ def test_citations_are_told_apart() -> None:
 def test_cited_rules_exist() -> None:
     """A rule that was renumbered in SPEC.md is renumbered everywhere."""
     cited = {(name, rule) for name in _sources() for rule in RULE.findall((REPOSITORY / name).read_text("utf-8"))}
-    assert len(cited) > 500
+    assert len(cited) > 450
     assert sorted(one for one in cited if one[1] not in RULES) == []
 
 
 def test_cited_sections_exist() -> None:
     known = {"SPEC": SECTIONS, "paper": PAPER}
     cited = {(name, *one) for name in _sources() for one in cited_sections((REPOSITORY / name).read_text("utf-8"))}
-    assert len(cited) > 500
+    assert len(cited) > 450
     missing = [one for one in cited if one[1] in known and one[2] not in known[one[1]]]
     assert sorted(missing) == []
 

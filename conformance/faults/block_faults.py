@@ -18,7 +18,7 @@ from scarfmt.container.schema import BlockKind
 _BOOK = "R-7.8-1", "bad-codebook"
 _LAYERS = "R-7.9-1", "bad-mlp"
 _SCENE = "R-7.9-4", "bad-mlp"
-_LIMIT = "R-5.7-3", "count-limit"
+_LIMIT = "R-8.5-4", "count-limit"
 
 
 # ---------------------------------------------------------------------------------------------- CODEBOOKS

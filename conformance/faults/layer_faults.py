@@ -7,12 +7,12 @@ from collections.abc import Iterator
 from dataclasses import replace
 from typing import Any
 
-from conformance.faults.predictor_faults import OCCUPANCY_TARGETS
 from conformance.scenes.cases import Fault
 from conformance.scenes.made import Plan, build, steady
-from conformance.surgery.edit import splice
-from conformance.surgery.files import changed
+from conformance.surgery.edit import numbered, replaced
+from conformance.surgery.files import NumberRecorder, block_of, changed, renumbered
 from conformance.writer.file import write_file
+from conformance.writer.numbers import Number, numbers_block
 from scarfmt.blocks.layer import pack_layer
 from scarfmt.coding.writer import QuantisedScene
 from scarfmt.container.file import Tile
@@ -41,8 +41,8 @@ def layer_faults(explicit: File, anchor: File, static: File, predictors: bytes, 
     yield from _channel_faults(explicit, anchor)
     yield from _step_faults(static)
     yield from _row_faults(explicit, anchor)
-    yield from _number_faults(static)
-    yield from _mode_faults(explicit[0], predictors, stageless)
+    yield from _number_faults(static[0])
+    yield from _mode_faults(explicit, predictors, stageless)
     yield from _context_faults(predictors)
 
 
@@ -128,10 +128,10 @@ def _latent_faults(explicit: File, anchor: File, three: Channel) -> Iterator[Fau
 
 def _step_faults(static: File) -> Iterator[Fault]:
     scale = static[1].model.channels[0]
-    above = math.nextafter(2.0**96, math.inf)
+    above = 2.0**96 * (1 + 2.0**-23)
     for name, what, width in (
         ("zero", "0", 0.0), ("negative", "-1", -1.0), ("nan", "not a number", math.nan),
-        ("infinite", "infinite", math.inf), ("large", "the next number above 2^96", above),
+        ("infinite", "infinite", math.inf), ("large", "the next f32 above 2^96", above),
     ):
         channel = replace(scale, first_width=(*scale.first_width[:2], width))
         yield f"step-{name}", f"a step that is {what}", *_STEP, _with_channels(static, channel)
@@ -152,6 +152,9 @@ def _row_faults(explicit: File, anchor: File) -> Iterator[Fault]:
     yield "stages-nine", "nine stages", *_ROWS, row(3, stages=(9, *third.stages[1:]))
     yield "stages-taken-back", "a class has fewer stages than before", *_ROWS, row(3, stages=(1, *third.stages[1:]))
     steps = third.steps[0]
+    second = explicit[1].model.layers[1].steps
+    yield ("steps-taken-back", "a class has fewer steps than in the layer before", *_ROWS,
+           row(2, steps=((*second[0][:1], 0, *second[0][2:]), *second[1:])))
     yield "steps-21", "twenty-one steps", *_ROWS, row(3, steps=((*steps[:1], 21, *steps[2:]), *third.steps[1:]))
     opening = anchor[1].model.layers[0]
     for number in (0, 2):
@@ -172,51 +175,53 @@ def _with_offset_steps(anchor: File, number: int) -> bytes:
     return data
 
 
-def _mode_faults(explicit: bytes, predictors: bytes, stageless: bytes) -> Iterator[Fault]:
+def _mode_faults(explicit: File, predictors: bytes, stageless: bytes) -> Iterator[Fault]:
     unknown, idle = ("R-7.11-1", "unsupported-entropy-mode"), ("R-10.4-1", "bad-layer-table")
-    for name, purpose, rule, data, layer, new in (
-        ("entropy-mode-2", "an entropy mode that is not assigned", unknown, predictors, 1, b"\2"),
-        ("entropy-mode-255", "entropy mode 255 in layer 2", unknown, explicit, 2, b"\xff"),
-        ("mode-without-stage", "entropy mode 1 in a layer in which no class has a stage", idle, stageless, 1, b"\1"),
+    for name, purpose, rule, data, mode in (
+        ("entropy-mode-2", "an entropy mode that is not assigned", unknown, predictors, 2),
+        ("mode-without-stage", "entropy mode 1 in a layer in which no class has a stage", idle, stageless, 1),
     ):
-        yield name, purpose, *rule, changed(data, BlockKind.LAYER, layer, splice(0, new))
+        yield name, purpose, *rule, renumbered(data, BlockKind.LAYER, numbered(("entropy_mode", mode)))
+    data, scene = explicit
+    second = NumberRecorder(block_of(data, BlockKind.LAYER, 2).payload)
+    second.read_all(BlockKind.LAYER, {"layer": 2, "channel_count": len(scene.model.channels)})
+    block = numbers_block(numbered(("entropy_mode", 255))(second.read))
+    yield ("entropy-mode-255", "entropy mode 255 in layer 2", *unknown,
+           changed(data, BlockKind.LAYER, 2, replaced(block)))
     yield ("entropy-mode-first", "an entropy mode that is not assigned, and nothing after it", *unknown,
-           changed(explicit, BlockKind.LAYER, 1, lambda _: b"\2"))
+           changed(data, BlockKind.LAYER, 1, replaced(numbers_block([(("entropy_mode", None), 2)]))))
+
+
+def with_context(data: bytes, passes_log2: int, *targets: int) -> bytes:
+    """The file with another passes_log2 and other occupancy targets."""
+
+    def put(numbers: list[Number]) -> list[Number]:
+        kept = [number for number in numbers if number[0] != ("occupancy_targets", None)]
+        at = 1 + kept.index(next(number for number in kept if number[0] == ("target_count", None)))
+        head = numbered(("passes_log2", passes_log2), ("target_count", len(targets)))(kept[:at])
+        return [*head, *((("occupancy_targets", None), target) for target in targets), *kept[at:]]
+
+    return renumbered(data, BlockKind.LAYER, put)
 
 
 def _context_faults(predictors: bytes) -> Iterator[Fault]:
     bad = "R-10.2-1", "bad-context"
-    for name, purpose, rule, new in (
-        ("sixteen-passes", "passes_log2 is 4", bad, [4, 2, 40, 5]),
-        ("targets-equal", "occupancy targets do not descend", bad, [2, 2, 40, 40]),
-        ("target-zero", "an occupancy target is 0", bad, [2, 2, 40, 0]),
-        ("target-large", "a target of 65536", ("R-5.7-1", "bad-varint"), [2, 1, 0x80, 0x80, 4]),
-        ("five-targets", "five targets", ("R-5.7-3", "count-limit"), [2, 5, 40, 30, 20, 10, 5]),
+    for name, purpose, rule, passes_log2, targets in (
+        ("sixteen-passes", "passes_log2 is 4", bad, 4, (40, 5)),
+        ("targets-equal", "occupancy targets do not descend", bad, 2, (40, 40)),
+        ("target-zero", "an occupancy target is 0", bad, 2, (40, 0)),
+        ("target-large", "a target of 65536", bad, 2, (65536,)),
+        ("five-targets", "five targets", ("R-8.5-4", _LIMIT), 2, (40, 30, 20, 10, 5)),
     ):
-        def change(payload: bytes, context: bytes = bytes(new)) -> bytes:
-            assert payload.count(OCCUPANCY_TARGETS) == 1
-            return payload.replace(OCCUPANCY_TARGETS, context)
-
-        yield name, purpose, *rule, changed(predictors, BlockKind.LAYER, 1, change)
+        yield name, purpose, *rule, with_context(predictors, passes_log2, *targets)
 
 
-def _number_faults(static: File) -> Iterator[Fault]:
-    data, scene = static
-    channel = scene.model.channels[0]
-    block = pack_layer(scene.model.layers[0], (scene.model.channels, scene.model.context))
-    # entropy mode, channel count, then stream, components, first widths.
-    stream, components = 2, 3
-    assert block[stream] == channel.stream
-
-    def at(place: int, value: bytes, length: int = 1) -> bytes:
-        return changed(data, BlockKind.LAYER, 1, splice(place, value, length))
-
-    for value, name in ((_NO_STREAM, "no stream kind"), (Stream.INDICES, "INDICES"), (Stream.FRAMING, "FRAMING")):
-        yield f"channel-stream-{int(value)}", f"a channel of {name}", *_RECORD, at(stream, bytes([value]))
-    yield "components-0", "a channel without components", *_RECORD, at(components, b"\0")
-    yield "components-65", "a channel of 65 components", *_RECORD, at(components, bytes([65]))
-    yield ("count-63-bits", "a count of 2^63", "R-5.7-1", "bad-varint", at(1, b"\x80" * 9 + b"\1"))
-    yield ("count-ten-bytes", "a count of 2^64 + 1", "R-5.7-1", "bad-varint", at(1, b"\x81" + b"\x80" * 8 + b"\2"))
-    yield ("count-2-62", "a count of 2^62", "R-5.7-3", _LIMIT, at(1, b"\x80" * 8 + b"\x40"))
-    yield ("count-two-bytes", "a count of 1 in two bytes", "R-5.7-1", "bad-varint", at(1, b"\x81\0"))
-    yield "layer-one-byte", "a LAYER block of one byte", "R-5.7-2", "payload-short", at(1, b"", len(block) - 1)
+def _number_faults(static: bytes) -> Iterator[Fault]:
+    for field, value, name, purpose in (
+        ("stream", _NO_STREAM, "channel-stream-0", "a channel of no stream kind"),
+        ("stream", Stream.INDICES, f"channel-stream-{int(Stream.INDICES)}", "a channel of INDICES"),
+        ("stream", Stream.FRAMING, f"channel-stream-{int(Stream.FRAMING)}", "a channel of FRAMING"),
+        ("components", 0, "components-0", "a channel without components"),
+        ("components", 65, "components-65", "a channel of 65 components"),
+    ):
+        yield name, purpose, *_RECORD, renumbered(static, BlockKind.LAYER, numbered((field, int(value))))

@@ -20,7 +20,7 @@ from scarfmt.scene.model import MAX_CLASSES
 _HEADER, _RANGE, _RECURRENT, _TOKENS, _HEADS, _FIT, _LOGITS, _ROWS = (
     (rule, "bad-network") for rule in (*(f"R-10.5-{number}" for number in range(1, 8)), "R-10.1-1")
 )
-_LIMIT = "R-5.7-3", "count-limit"
+_LIMIT = "R-8.5-4", "count-limit"
 _NETWORK = BlockKind.ENTROPY_NETWORK
 
 

@@ -13,7 +13,7 @@ from conformance.writer.numbers import Number
 from conformance.writer.tables import Record
 from scarfmt.container.schema import BlockKind, Stream
 
-_TABLE, _LIMIT, _SEAL = ("R-8.3-1", "bad-table"), ("R-5.7-3", "count-limit"), ("R-8.2-2", "rans-seal")
+_TABLE, _LIMIT, _SEAL = ("R-8.3-1", "bad-table"), ("R-8.5-4", "count-limit"), ("R-8.2-2", "rans-seal")
 _NUMBER, _SHIFTED, _MLP = ("R-8.5-1", "bad-number"), ("R-8.5-2", "bad-number"), ("R-7.9-1", "bad-mlp")
 _TOP, _LONG = (1 << 31) - 1, (1 << 32) - 1
 WORD = bytes([1, 0, 0, 0])
@@ -23,11 +23,11 @@ _UNUSED = key(Stream.FRAMING, 0, 0, 0)
 
 
 def number_faults(static: bytes, anchors: bytes, equal: bytes, predicted: bytes) -> Iterator[Fault]:
-    """Faults of a file with TABLES, CODEBOOKS and DECODER_MLP in layer 1, of one with SCENE_MLP, of one whose index
-    network ends in biases of 0, and of one with predictors."""
+    """Faults of a file with LAYER, TABLES, CODEBOOKS and DECODER_MLP in layer 1, of one with SCENE_MLP, of one whose
+    index network ends in biases of 0, and of one with predictors."""
     shifted = (equal, BlockKind.ENTROPY_NETWORK), (predicted, BlockKind.PREDICTORS)
     for data, kind in (
-        (static, BlockKind.TABLES), (static, BlockKind.CODEBOOKS), (static, BlockKind.DECODER_MLP),
+        *((static, kind) for kind in (BlockKind.LAYER, BlockKind.TABLES, BlockKind.CODEBOOKS, BlockKind.DECODER_MLP)),
         (anchors, BlockKind.SCENE_MLP), *shifted,
     ):
         name = kind.name.lower().replace("_", "-")

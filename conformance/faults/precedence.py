@@ -110,9 +110,9 @@ def _block_faults(base: bytes) -> Iterator[Fault]:
     first, second = (changed(base, _LAYER, layer, append()) for layer in (1, 2))
     yield ("block-crc", "the CRC of TABLES in layer 2 before the content of LAYER in layer 1", "R-5.6-1",
            "crc-mismatch", broken(first, entry_with(_TABLES, 2, crc32=more)))
-    yield ("models", "the content of LAYER in layer 2 before the CRC of a TILE block in layer 1", "R-5.7-2",
-           "payload-long", broken(second, entry_with(TILE_KIND, crc32=more)))
+    yield ("models", "the content of LAYER in layer 2 before the CRC of a TILE block in layer 1", "R-8.2-1",
+           "rans-length", broken(second, entry_with(TILE_KIND, crc32=more)))
     yield ("layer-by-layer", "TABLES of layer 1 before LAYER of layer 2", "R-8.2-1", "rans-length",
-           changed(changed(base, _TABLES, 1, append()), _LAYER, 2, replaced(b"\2")))
+           changed(changed(base, _TABLES, 1, append()), _LAYER, 2, replaced(bytes(4))))
     yield ("tables-codebooks", "TABLES of layer 2 before CODEBOOKS of layer 1", "R-8.2-1", "rans-last-word",
            changed(changed(base, _TABLES, 2, replaced(bytes(4))), _CODEBOOKS, 1, replaced(b"\0")))

@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from conformance.faults.layer_faults import with_context
 from conformance.faults.number_faults import WORD, ending_long
 from conformance.scenes.cases import Fault
 from conformance.scenes.made import Plan, build, channel
@@ -29,13 +30,11 @@ from scarfmt.neural.arithmetic import MAX_WEIGHT, Linear
 from scarfmt.neural.predictors import Predictor
 from scarfmt.scene.model import MAX_CLASSES, DecodedContext, LayerRow
 
-OCCUPANCY_TARGETS = bytes([2, 2, 40, 5])
-"""passes_log2, target_count and targets of the vector `predictors`."""
 _PREDICTORS = BlockKind.PREDICTORS
 _HEAD, _VALUES, _FIT, _ROWS = (
     (rule, "bad-predictor") for rule in ("R-10.3-1", "R-10.3-2", "R-10.3-3", "R-10.1-1")
 )
-_LIMIT = "R-5.7-3", "count-limit"
+_LIMIT = "R-8.5-4", "count-limit"
 
 
 def _edited(data: bytes, changes: Changes) -> bytes:
@@ -119,8 +118,8 @@ def _scene_faults(base: bytes) -> Iterator[Fault]:
     late = [replace(block, layer=2) if (block.kind, block.layer) == (_PREDICTORS, 1) else block for block in blocks]
     yield ("predictor-late", "a predictor in the layer after that in which its step first travels", *_FIT,
            rebuilt(base, late))
-    one_depth = changed(base, BlockKind.LAYER, 1, lambda p: p.replace(OCCUPANCY_TARGETS, bytes([2, 1, 40])))
-    yield "predictor-inputs", "as many inputs as two depths have; the file has one", *_FIT, one_depth
+    yield ("predictor-inputs", "as many inputs as two depths have; the file has one", *_FIT,
+           with_context(base, 2, 40))
     # LATENT of 64 components and four depths: 15 + 3 + 64 + 4 * 66 = 346.
     channels = channel(Stream.SCALE, 0.5, 3), channel(Stream.LATENT, 1.5, 64)
     data = write_file(build(Plan(

@@ -178,13 +178,13 @@ def _value_cases() -> Iterator[Case]:
     both = (LayerRow((0,), ((1,),)), LayerRow((0,), ((2,),)))
     yield edge("values-limit", "values of 2^31 - 1 and its negative after a refinement, beside 0 and 1", _with_values(
         _plan("limit", (12,), rows=both), [_LIMIT, 1, -_LIMIT, 0]), rules)
-    steps = Channel(Stream.SCALE, (5e-324, 2.0**96, 2.0**-1022))
+    steps = Channel(Stream.SCALE, (2.0**-149, 2.0**96, 2.0**-126))
     yield edge("steps-extreme", "steps of 2^96, the least normal and the least subnormal number", _with_values(
         _plan("extreme steps", (12,), channels=(steps,)), [_LIMIT, -1, 1, -_LIMIT]), (*rules, "R-6.4-3"))
-    reach = Channel(Stream.POSITION_RESIDUAL, (1.0, 0.5, 1 / 3))
+    reach = Channel(Stream.POSITION_RESIDUAL, (1.0, 0.5, 0.25))
     scene = build(_plan("reach", (9,), channels=(reach, SCALE3), rows=steady(1, 0, (1, 1))))
     values = scene.contents[0].values[0]
-    values[:] = np.array([[1, 2, 3], [-1, -2, -3], [0, 1, -1]])[np.arange(9) % 3]
+    values[:] = np.array([[1, 2, 4], [-1, -2, -4], [0, 1, -1]])[np.arange(9) % 3]
     yield edge("residual-reach", "position residuals of exactly -1 and 1", scene, ("R-7.5-3", "R-9.1-2"))
 
 

@@ -274,7 +274,7 @@ def static_plans() -> dict[str, tuple[str, Plan]]:
                 LayerRow((0,) * min(1 + k // 4, 4), ((max(k, 1) if k != 2 else 1,),) * min(1 + k // 4, 4))
                 for k in range(16)), WHOLE, (40,), bits=8)),
         "twenty-steps": ("refined to 3^-19 of the step; results beyond both ends of the normal binary32 range", Plan(
-            "steps", (Channel(Stream.SCALE, (2.0**-120, 1e-310, 2.0**96)),),
+            "steps", (Channel(Stream.SCALE, (2.0**-120, 1e-42, 2.0**96)),),
             (LayerRow((0,), ((1,),)), LayerRow((0,), ((20,),))), WHOLE, (30,), spread=0, bits=5)),
         "wide-values": ("first values up to 2^31 - 2, alphabets with wide gaps", Plan(
             "wide", (SCALE3,), steady(1, 0, (1,)), WHOLE, (30,), spread=715827882, bits=5)),

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import itertools
 import textwrap
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 
 from conformance.decoders.python.answers import Answers
 from conformance.decoders.python.decoder import Decoder
 from conformance.decoders.python.fields import Rans, key
-from conformance.decoders.python.models import parse_tables
-from conformance.decoders.python.numbers import Numbers
+from conformance.decoders.python.models import Channel, Opening, parse_layer, parse_tables
+from conformance.decoders.python.numbers import Field, Numbers
 from conformance.expect.expectations import decoded_arrays
 from conformance.scenes.made import worked_scene
 from conformance.surgery.files import substream_bytes
@@ -41,12 +41,11 @@ _TOUR: dict[str, tuple[str, _Lines]] = {
     "tile page 0": ("tile page 0 (5.5): the only tile, half the lattice wide", (3,)),
     "layer 1 row page 0": ("row page of layer 1", ((3, "count: two anchors appear"),)),
     "layer 2 row page 0": ("row page of layer 2", ((3, "one anchor appears"),)),
-    "layer 1 LAYER": ("LAYER of layer 1 (7.11)", (
-        1, 1, 2, (3, "in f64"), 2, 1, 2, 1, (2, "no codewords; one step of SCALE, one of OPACITY"))),
-    "layer 1 TABLES": ("TABLES of layer 1 (8.3): a rANS stream of adaptive numbers (8.5)", (1,)),
+    "layer 1 LAYER": ("LAYER of layer 1 (7.11): a rANS stream of adaptive numbers (8.5)", (1,)),
+    "layer 1 TABLES": ("TABLES of layer 1 (8.3): likewise", (1,)),
     "layer 1 TILE 0": ("TILE of layer 1 (7.1)", (
         *_TILE, (1, "two words of a rANS stream (8.2)"), (1, "OPACITY and CLASSES have no bytes"))),
-    "layer 2 LAYER": ("LAYER of layer 2", (1, 1, (2, "SCALE of class 0 is refined"), (2, "a new class"))),
+    "layer 2 LAYER": ("LAYER of layer 2: a second step of SCALE for class 0, and a new class", (1,)),
     "layer 2 TABLES": (
         "TABLES of layer 2: the second step of SCALE, and a new table for the first of OPACITY", (1,)),
     "layer 2 TILE 0": ("TILE of layer 2", (*_TILE, 1, (1, "decoded in 4.3"))),
@@ -62,7 +61,7 @@ def worked_file() -> bytes:
 
 def table_rows(block: bytes) -> Iterator[str]:
     """The state with which decoding of a TABLES block begins; then, for each table, its numbers and what they say."""
-    yield f"state 0x{Rans(block, {}).state:X}, numbers of 0 or more:"
+    yield _state(block)
     read = Numbers(block)
     tables = parse_tables(read)
     (_, count), *numbers = read.taken
@@ -71,10 +70,37 @@ def table_rows(block: bytes) -> Iterator[str]:
         # 4 of the key; more and first; gaps, precision and weights.
         size = 6 if len(values) == 1 else 6 + 2 * len(values)
         sent, numbers = numbers[:size], numbers[size:]
-        fields = itertools.groupby(sent, lambda one: one[0][0])
-        listed = ", ".join(" ".join([str(name), *(str(n) for _, n in part)]) for name, part in fields)
         codes = f"{' '.join(map(str, values))} with weights {' '.join(map(str, weights))}"
-        yield f"{listed}: {_key_text(number)} codes {codes}"
+        yield f"{_listed(sent)}: {_key_text(number)} codes {codes}"
+
+
+def layer_rows(block: bytes, channels: int) -> Iterator[str]:
+    """The state with which decoding of a LAYER block begins; then its numbers, a channel or class a line.
+
+    Args:
+        channels: of the channel table; 0 in layer 1, which has it.
+    """
+    yield _state(block)
+    reader = Numbers(block)
+    parse_layer(reader, 2 if channels else 1, Opening([Channel(0, [])] * channels, 0, []))
+    row: list[tuple[Field, int]] = []
+    for number in reader.taken:
+        if number[0][0] in ("stream", "passes_log2", "stages"):
+            yield _listed(row)
+            row = []
+        row.append(number)
+    yield _listed(row)
+
+
+def _state(block: bytes) -> str:
+    return f"state 0x{Rans(block, {}).state:X}, numbers of 0 or more:"
+
+
+def _listed(numbers: list[tuple[Field, int]]) -> str:
+    """``name number number, name number``; bits of f32 in hexadecimal digits."""
+    fields = itertools.groupby(numbers, lambda one: str(one[0][0]))
+    digits = {"first_widths": "#x"}
+    return ", ".join(" ".join([name, *(format(n, digits.get(name, "")) for _, n in part)]) for name, part in fields)
 
 
 def _key_text(number: int) -> str:
@@ -83,7 +109,7 @@ def _key_text(number: int) -> str:
 
 def tour_rows(data: bytes) -> Iterator[tuple[str, int, int, str]]:
     """(structure, offset, size, text) of every line, in file order, without gaps: what `scarfmt dump` prints, without
-    the numbers of TABLES blocks.
+    the numbers of blocks of numbers.
 
     Raises:
         ValueError: a line would take fields of two structures, or fields are left: the tour is not of this file.
@@ -114,6 +140,12 @@ def _text(fields: list[Row], remark: str) -> str:
     return (f"{head}: " if head else "") + ", ".join(named) + (f" ({remark})" if remark else "")
 
 
+def _rows(name: str, block: bytes, text: str) -> Iterable[str]:
+    if name.endswith("TABLES"):
+        return table_rows(block)
+    return layer_rows(block, 2 if name == "layer 2 LAYER" else 0) if name.endswith("LAYER") else (text,)
+
+
 def tour_text(data: bytes) -> str:
     """The lines as SPEC.md prints them: offset, bytes, fields, in a code block."""
     out, last = ["```"], ""
@@ -122,7 +154,7 @@ def tour_text(data: bytes) -> str:
             out += ["", _TOUR[name][0]] if last else [_TOUR[name][0]]
             last = name
         shown = data[offset : offset + size]
-        first, *others = table_rows(shown) if name.endswith("TABLES") else (text,)
+        first, *others = _rows(name, shown, text)
         shown = shown[:_SHOWN_BYTES]
         bytes_ = [shown[i : i + _LINE_BYTES].hex(" ") for i in range(0, len(shown), _LINE_BYTES)]
         bytes_[-1] += " .." if size > _SHOWN_BYTES else ""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
 from typing import Any
 
@@ -94,19 +94,19 @@ class NumberRecorder(NumberReader):
         self.read.append((name, super().number(name)))
         return self.read[-1][1]
 
-    def read_all(self, kind: int) -> None:
-        """Read a block of this kind of numbers to its end."""
+    def read_all(self, kind: int, context: Mapping[str, Any]) -> None:
+        """Read a block of this kind of numbers to its end; what its declaration must know is in `context`."""
         reader: Any = self
-        NUMBERS[kind].take(reader, Scope({}))
+        NUMBERS[kind].take(reader, Scope(context))
         self.finish()
 
 
 def numbers_of(payload: bytes, kind: int) -> list[Number]:
-    """The numbers of a sound block, if it is of numbers."""
+    """The numbers of a sound block, if it is of numbers; a LAYER block is that of layer 1."""
     if kind not in NUMBERS:
         return []
     reader = NumberRecorder(payload)
-    reader.read_all(kind)
+    reader.read_all(kind, {"layer": 1})
     return reader.read
 
 

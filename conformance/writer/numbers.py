@@ -19,7 +19,7 @@ class _Writer(NumberWriter):
             super().number(name, value)
             return
         for place in range(MAX_LENGTH + 1):
-            self._bit(self._models.of(name), place, 1)
+            self._bit(self._models[name], place, 1)
         # The end of the prefix, and 32 bits of 0.
         for _ in range(MAX_LENGTH + 2):
             self._append(1 << 23, 0)

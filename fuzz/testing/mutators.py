@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import contextlib
 import functools
+import itertools
 import struct
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
@@ -28,7 +29,8 @@ from scarfmt.entropy.numbers import LARGEST
 from scarfmt.errors import ScarError
 
 SEAL_CHANCE = 0.5
-MODELS = (BlockKind.LAYER, BlockKind.HASH_GRID)
+_CONTEXTS = ({"layer": 1}, *({"layer": 0, "channel_count": channels} for channels in range(9)))
+"""What a block may be read with that says nothing of its layer."""
 SPECIAL_NUMBERS = (0, 1, 2, 127, 128, 255, 256, 65535, 65536, 1 << 31, (1 << 32) - 1, 1 << 53, 1 << 63, (1 << 64) - 1)
 """Numbers at which arithmetic goes wrong."""
 _FLOATS = ("nan", "inf", "-inf", "0", "-0.0", "-1", "5e-324", "1e308", "1e-300", "2.0")
@@ -388,11 +390,11 @@ def _on_payload(*kinds: int) -> Callable[[Operator], Operator]:
 def _numbers(payload: bytes) -> list[Number]:
     """The numbers of a block, as far as it can be read."""
     found: list[Number] = []
-    for kind in NUMBERS:
+    for kind, context in itertools.product(NUMBERS, _CONTEXTS):
         with contextlib.suppress(ScarError):
             reader = NumberRecorder(payload)
             found = reader.read
-            reader.read_all(kind)
+            reader.read_all(kind, context)
             break
     return found
 
@@ -428,19 +430,20 @@ def number_bomb(payload: bytes, dice: Dice) -> bytes:
     return _written(numbers + [filler] * dice.choice((1 << 8, 1 << 12)))
 
 
-@_on_payload(*MODELS)
-def model_content(payload: bytes, dice: Dice) -> bytes:
-    """Numbers in a LAYER or HASH_GRID block."""
+@_on_payload(BlockKind.HASH_GRID)
+def grid_content(payload: bytes, dice: Dice) -> bytes:
+    """Numbers in a HASH_GRID block."""
     return altered(payload, dice)
 
 
 @_on_payload(BlockKind.LAYER)
 def layer_row(payload: bytes, dice: Dice) -> bytes:
     """The end of a LAYER block, where stages and steps are."""
-    out = bytearray(payload)
+    numbers = _numbers(payload)
     for _ in range(dice.choice((1, 1, 2))):
-        out[-1 - dice.randrange(min(len(out), 10))] = dice.choice((0, 1, 2, 3, 5, 8, 9, 15, 20, 21))
-    return bytes(out)
+        at = -1 - dice.randrange(min(len(numbers), 10))
+        numbers[at] = numbers[at][0], dice.choice((0, 1, 2, 3, 5, 8, 9, 15, 20, 21))
+    return _written(numbers)
 
 
 @_on_payload(BlockKind.TILE)

@@ -209,6 +209,7 @@ class _Kept:
         total = np.maximum((weight * active).sum(axis=(0, 1)), 1e-300)
         largest = float(np.abs(offsets).max(initial=1e-6))
         step = np.clip(np.sqrt(6 * self.lambda_ / np.log(2) * self.slots.sum() / total), largest * 1e-6, largest)
+        step = step.astype(np.float32).astype(np.float64)
         anchor, slot = np.nonzero(self.slots)
         chosen = np.zeros(offsets.shape, np.int64)
         chosen[anchor, slot] = round_values(

@@ -105,7 +105,7 @@ def position_bits(classes: I64, count: int) -> F64:
 def align_steps(
     caps: tuple[float, ...], sensitivity: F64, classes: I64, count: int, lambda_: float
 ) -> tuple[float, ...]:
-    """First-cell widths, near `caps`, whose ternary refinements hit the step that pays at `lambda_`.
+    """First-cell widths of float32, near `caps`, whose ternary refinements hit the step that pays at `lambda_`.
 
     At high rate the best step of a value of sensitivity S is sqrt(6 * lambda_ / (ln 2 * S)). Classes lie one
     ternary step apart, so one phase serves them all; a wrong phase costs up to 1.6 times the error or
@@ -128,7 +128,7 @@ def align_steps(
         phase = float(np.angle(turn)) / (2 * np.pi)
         whole = np.round(np.log(cap) / np.log(3) - phase)
         steps.append(float(3.0 ** (whole + phase)))
-    return tuple(steps)
+    return tuple(np.array(steps, np.float32).tolist())
 
 
 def measure_curve(

@@ -48,7 +48,7 @@ _LOOK_EVERY = 25
 _REFRESH_EVERY, _INDEX_EVERY = 1000, 5
 """Iterations between two looks at the indices of the scene, and between two steps of what codes them."""
 _LARGEST_AFTER_PRUNING = 0.05
-SMALL_UNTIL = 0.4
+SMALL_UNTIL = 0.7
 """Fraction of the run until which photos are learnt at half their size, a quarter of the pixels, if they are large."""
 
 

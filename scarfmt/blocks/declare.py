@@ -130,25 +130,13 @@ def stream_name(number: int) -> str:
     return f"{number} {Stream(number).name}" if number in set(Stream) else str(number)
 
 
-U8, U32, F64 = scalar("u8", "B"), scalar("u32", "L"), scalar("f64", "d")
-STREAM = scalar("u8", "B", stream_name)
-"""A stream kind, u8."""
+U8, U32 = scalar("u8", "B"), scalar("u32", "L")
 
 
-def varint(bits: int, shown: Callable[[int], Any] = lambda value: value) -> Field:
+def varint(bits: int) -> Field:
     """An unsigned LEB128 integer below 2^bits (SPEC §5.7)."""
     return Field(
-        f"varint({bits})",
-        lambda reader, scope: reader.unsigned(bits),
-        lambda value, scope: unsigned_varint(value),
-        shown,
-    )
-
-
-def count(limit: int) -> Field:
-    """A LEB128 integer that counts things, of which there may be `limit` at most (SPEC §5.7)."""
-    return Field(
-        f"count({limit})", lambda reader, scope: reader.count(limit), lambda value, scope: unsigned_varint(value)
+        f"varint({bits})", lambda reader, scope: reader.unsigned(bits), lambda value, scope: unsigned_varint(value)
     )
 
 
@@ -189,6 +177,10 @@ _MEANINGS: Mapping[str, tuple[Callable[[Any], Any], Callable[[Any], Any]]] = {
     "number": (lambda numbers: numbers, lambda values: values),
     "signed": (_from_zigzag, _zigzag),
     "f32": (lambda numbers: numbers.astype(np.uint32).view(np.float32), lambda values: values.view(np.uint32)),
+    "xor f32": (
+        lambda numbers: np.bitwise_xor.accumulate(numbers.astype(np.uint32)).view(np.float32),
+        lambda values: values.view(np.uint32) ^ np.append(np.uint32(0), values[:-1].view(np.uint32)),
+    ),
 }
 """By the name that SPEC has for it: from (n,) int64 numbers to values, and back."""
 
@@ -197,7 +189,7 @@ class Number(Element):
     """Adaptive numbers, with a number model for each value of an expression (SPEC §8.5).
 
     Args:
-        kind: ``number``, ``signed`` or ``f32``.
+        kind: ``number``, ``signed``, ``f32`` or ``xor f32``.
         times: how many, for an array; a single one otherwise.
         by: what chooses the number model, the name of the field aside.
         limit: the most a number may be, which then counts things.

@@ -20,24 +20,22 @@ from scarfmt.blocks.declare import (
     Scope,
     blob,
     build,
-    count,
     read,
-    varint,
 )
 from scarfmt.blocks.spec import BlockSpec
 from scarfmt.container.registries import BlockKind
 from scarfmt.entropy.rans import FrequencyTable, RansDecoder, RansEncoder
 from scarfmt.errors import Malformed
-from scarfmt.neural.grid import MAX_LEVELS, GridBox, GridLevel, HashGrid, check_grid
+from scarfmt.neural.grid import GridBox, GridLevel, HashGrid, check_grid
 from scarfmt.scene.model import first_neural_layer
 
 _PROBABILITY_ONE = 256
 
 _LEVEL = Record(
-    "plane" / varint(32) * "axes: 0 xyz, 1 xy, 2 xz, 3 yz, 4 x, 5 y, 6 z",
-    "resolution" / varint(32) * "cells along each axis",
-    "table_log2" / varint(32) * "logarithm of the entries of a table that is not dense",
-    "features" / varint(32) * "bits of an entry",
+    "plane" / U8 * "axes: 0 xyz, 1 xy, 2 xz, 3 yz, 4 x, 5 y, 6 z",
+    "resolution" / U32 * "cells along each axis",
+    "table_log2" / U8 * "logarithm of the entries of a table that is not dense",
+    "features" / U8 * "bits of an entry",
 )
 
 _SOUND_STREAM = (
@@ -59,9 +57,9 @@ _TABLE = Record(
 )
 
 HASH_GRID = Record(
-    "origin" / Repeat(3, varint(32)) * "lattice coordinates x, y, z",
-    "extent_bits" / varint(32) * "the box has sides of 2^extent_bits lattice steps",
-    "level_count" / count(MAX_LEVELS),
+    "origin" / Repeat(3, U32) * "lattice coordinates x, y, z",
+    "extent_bits" / U8 * "the box has sides of 2^extent_bits lattice steps",
+    "level_count" / U8,
     "levels" / Repeat("level_count", _LEVEL),
     "shapes" / Derived(lambda at: _checked_shapes(at), checks=(Check("R-10.6-1", "all of it", "bad-grid"),)),
     "tables" / Repeat("level_count", _TABLE),
@@ -115,9 +113,8 @@ def unpack_grid(payload: bytes) -> HashGrid:
     """The grid of a HASH_GRID block.
 
     Raises:
-        Malformed: ``bad-grid`` for a payload that breaks SPEC §10.6, ``bad-varint``, ``payload-short``,
-            ``payload-long``, or the refusal of a damaged rANS stream.
-        LimitExceeded: ``count-limit`` for more than 16 levels.
+        Malformed: ``bad-grid`` for a payload that breaks SPEC §10.6, ``payload-short``, ``payload-long``, or the
+            refusal of a damaged rANS stream.
     """
     fields = read(HASH_GRID, payload, "grid")
     bits = tuple(table["bits"] for table in fields["tables"])

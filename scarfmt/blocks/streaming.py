@@ -9,12 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scarfmt.arrays import F64
-from scarfmt.blocks.declare import Check, Record, Rule, Scope, array, build, count, read
+from scarfmt.blocks.declare import U8, U32, Check, Record, Rule, Scope, array, build, read
 from scarfmt.blocks.spec import BlockSpec
 from scarfmt.container.file import Container, Entry
 from scarfmt.container.registries import BlockFlag, BlockKind
 from scarfmt.errors import Malformed, ScarError
-from scarfmt.limits import MAX_TILES
 
 REACH_STEPS = 4
 """Steps of a reach in an octave."""
@@ -25,8 +24,13 @@ _VIEW = 10
 Levels = NDArray[np.uint8]
 
 STREAMING = Record(
-    "tile_count" / count(MAX_TILES),
-    "view_count" / count(1) * "1 if there is a view to begin with",
+    "tile_count" / U32,
+    "view_count" / U8 * "1 if there is a view to begin with",
+    Rule(
+        Check("R-7.13-1", "view_count is 0 or 1", "bad-streaming"),
+        lambda at: at["view_count"] <= 1,
+        lambda at: _bad(f"{at['view_count']} views to begin with"),
+    ),
     "view" / array("f4", f"view_count * {_VIEW}") * "position, target, up, vertical field in radians",
     Rule(
         Check("R-7.13-1", "its numbers are finite, its field is between 0 and π", "bad-streaming"),
@@ -109,8 +113,7 @@ def unpack_streaming(payload: bytes) -> Streaming:
     """Parse a STREAMING block.
 
     Raises:
-        Malformed: ``bad-streaming``, ``bad-varint``, ``payload-short``, ``payload-long`` (SPEC §7.13).
-        LimitExceeded: ``count-limit``.
+        Malformed: ``bad-streaming``, ``payload-short``, ``payload-long`` (SPEC §7.13).
     """
     at = read(STREAMING, payload, "STREAMING")
     return Streaming(at["low"].reshape(-1, 3), at["high"].reshape(-1, 3), at["reach"], _view(at))
@@ -128,7 +131,6 @@ def read_streaming(container: Container) -> Streaming | None:
 
     Raises:
         Malformed: ``bad-streaming`` and what :func:`unpack_streaming` raises; ``crc-mismatch``.
-        LimitExceeded: ``count-limit``.
     """
     entry = container.find(BlockKind.STREAMING, 1)
     if entry is None or not container.is_available(entry):
@@ -140,7 +142,7 @@ def checked_streaming(container: Container, entry: Entry, payload: bytes) -> Str
     """The values of the STREAMING block at `entry`, checked by its own rules and by those about the file around it.
 
     Raises:
-        Malformed, LimitExceeded: as :func:`read_streaming`.
+        Malformed: as :func:`read_streaming`.
     """
     header = container.header
     try:

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scarfmt.arrays import I64
-from scarfmt.errors import InvalidInput, LimitExceeded, Malformed
+from scarfmt.errors import InvalidInput, Malformed
 
 # So few integers are read faster one by one.
 _FEW = 12
@@ -141,17 +141,6 @@ class ByteReader:
     def u32(self) -> int:
         """A u32."""
         return int.from_bytes(self.take(4), "little")
-
-    def count(self, limit: int) -> int:
-        """A LEB128 count of at most `limit` elements.
-
-        Raises:
-            LimitExceeded: ``count-limit`` above it.
-        """
-        value = self.unsigned(63)
-        if value > limit:
-            raise LimitExceeded("count-limit", f"{value} elements, at most {limit} allowed", field=self._field)
-        return value
 
     def array(self, dtype: str, count: int) -> NDArray[np.generic]:
         """`count` little-endian elements of `dtype`, a read-only view."""

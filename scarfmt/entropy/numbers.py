@@ -6,6 +6,7 @@ the bit after the leading one, follows the bits that were there before.
 
 from __future__ import annotations
 
+from collections import defaultdict
 from collections.abc import Callable, Hashable
 
 import numpy as np
@@ -28,20 +29,16 @@ _MOST_SEEN = 30
 _SLOT, _HALF, _WORD = (1 << PRECISION) - 1, 1 << (PRECISION - 1), 1 << 32
 
 
-class _Models:
+_Model = tuple[list[int], list[int]]
+"""The probabilities, and the bits seen, of prefix[0..31] and second[0..31]."""
+
+
+def _new_models() -> defaultdict[Hashable, _Model]:
     """Number models by name, made when they are first used."""
-
-    def __init__(self) -> None:
-        self._all: dict[Hashable, tuple[list[int], list[int]]] = {}
-
-    def of(self, name: Hashable) -> tuple[list[int], list[int]]:
-        """The probabilities, and the bits seen, of prefix[0..31] and second[0..31]."""
-        if name not in self._all:
-            self._all[name] = [_EVEN] * (2 * MAX_LENGTH + 2), [0] * (2 * MAX_LENGTH + 2)
-        return self._all[name]
+    return defaultdict(lambda: ([_EVEN] * (2 * MAX_LENGTH + 2), [0] * (2 * MAX_LENGTH + 2)))
 
 
-def _adapt(model: tuple[list[int], list[int]], place: int, bit: int) -> None:
+def _adapt(model: _Model, place: int, bit: int) -> None:
     """Move the probability of a bit model towards the bit that it saw."""
     probabilities, seen = model
     p, n = probabilities[place], seen[place] + 2
@@ -72,7 +69,7 @@ class NumberReader:
         self._words: list[int] = words_of(data).tolist()
         self._allowed = allowed
         self.field, self.trace, self.position = field, trace, 0
-        self._models, self._state = _Models(), 0
+        self._models, self._state = _new_models(), 0
         self._refill()
         self._refill()
 
@@ -92,7 +89,7 @@ class NumberReader:
         Raises:
             Malformed: ``bad-number`` for one of more bits.
         """
-        model = self._models.of(name)
+        model = self._models[name]
         length = 0
         while self._bit(model, length):
             length += 1
@@ -115,7 +112,7 @@ class NumberReader:
         if self._state or self._words:
             raise Malformed("rans-seal", "numbers do not end in the empty state: they are damaged", field=self.field)
 
-    def _bit(self, model: tuple[list[int], list[int]], place: int) -> int:
+    def _bit(self, model: _Model, place: int) -> int:
         bit = self._symbol(model[0][place] << _UNIT)
         _adapt(model, place, bit)
         return bit
@@ -140,12 +137,12 @@ class NumberWriter:
     """Writes the numbers of a block: the inverse of :class:`NumberReader`."""
 
     def __init__(self) -> None:
-        self._models = _Models()
+        self._models = _new_models()
         self._spans: list[tuple[int, int]] = []
 
     def number(self, name: Hashable, value: int) -> None:
         """Append a number, 0 to `LARGEST`, with the number model of a name."""
-        model, value = self._models.of(name), value + 1
+        model, value = self._models[name], value + 1
         length = value.bit_length() - 1
         for place in range(length):
             self._bit(model, place, 1)
@@ -162,7 +159,7 @@ class NumberWriter:
             encoder.append(*np.array(self._spans, np.int64).T)
         return encoder.finish()
 
-    def _bit(self, model: tuple[list[int], list[int]], place: int, bit: int) -> None:
+    def _bit(self, model: _Model, place: int, bit: int) -> None:
         self._append(model[0][place] << _UNIT, bit)
         _adapt(model, place, bit)
 

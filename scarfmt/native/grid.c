@@ -17,7 +17,7 @@ static const struct {
 
 /* The head of a level, not yet checked, but that its plane is one. */
 typedef struct {
-    uint64_t plane, resolution, table_log2, features;
+    int64_t plane, resolution, table_log2, features;
 } LevelHead;
 
 static void check_head(const LevelHead *head) {
@@ -56,26 +56,26 @@ static const uint8_t *read_bits(Reader *reader, Pool *pool, int64_t n) {
 
 void read_grid(Model *m, Body block) {
     Reader reader = {block.bytes, block.length, 0};
-    LevelHead heads[MOST_LEVELS];
-    uint64_t fields[4];
+    LevelHead heads[UINT8_MAX];
+    Grid *grid = &m->grid;
     int64_t total = 0;
-    for (int i = 0; i < 4; i++) fields[i] = read_varint(&reader, 32);
-    const int64_t count = read_count(&reader, MOST_LEVELS);
+    for (int d = 0; d < 3; d++) grid->origin[d] = read_u32(&reader);
+    grid->extent_bits = read_u8(&reader);
+    const int64_t count = read_u8(&reader);
     for (int64_t l = 0; l < count; l++) {
-        heads[l].plane = read_varint(&reader, 32), heads[l].resolution = read_varint(&reader, 32);
-        heads[l].table_log2 = read_varint(&reader, 32), heads[l].features = read_varint(&reader, 32);
+        heads[l].plane = read_u8(&reader), heads[l].resolution = read_u32(&reader);
+        heads[l].table_log2 = read_u8(&reader), heads[l].features = read_u8(&reader);
     }
-    demand(fields[3] <= 32 && count >= 1, BAD);
+    demand(grid->extent_bits <= 32 && count >= 1 && count <= MOST_LEVELS, BAD);
     for (int64_t l = 0; l < count; l++) check_head(heads + l);
     GridLevel *levels = pool_zeros(&m->pool, (int64_t)sizeof *levels * count);
-    Grid *grid = &m->grid;
     grid->width = 0;
     for (int64_t l = 0; l < count; l++) {
         GridLevel *level = levels + l;
         level->dims = PLANE[heads[l].plane].dims;
         for (int d = 0; d < 3; d++) level->axes[d] = PLANE[heads[l].plane].axes[d];
-        level->resolution = (int64_t)heads[l].resolution, level->table_log2 = (int64_t)heads[l].table_log2;
-        level->features = (int64_t)heads[l].features;
+        level->resolution = heads[l].resolution, level->table_log2 = heads[l].table_log2;
+        level->features = heads[l].features;
         level->dense = vertices_of(level) <= (int64_t)1 << level->table_log2;
         total += grid_bits(level);
         grid->width += level->features;
@@ -83,6 +83,5 @@ void read_grid(Model *m, Body block) {
     demand(total <= MOST_BITS, BAD);
     for (int64_t l = 0; l < count; l++) levels[l].bits = read_bits(&reader, &m->pool, grid_bits(levels + l));
     read_end(&reader);
-    grid->levels = count, grid->level = levels, grid->extent_bits = (int64_t)fields[3];
-    for (int d = 0; d < 3; d++) grid->origin[d] = (int64_t)fields[d];
+    grid->levels = count, grid->level = levels;
 }

@@ -1,6 +1,6 @@
 /* LAYER blocks: the channel table and the layer table (SPEC 6.4, 6.5, 7.11, 10.2). */
 
-#include "model.h"
+#include "numbers.h"
 
 #include <string.h>
 
@@ -25,35 +25,53 @@ static int64_t components_of(int64_t profile, int64_t stream) {
     return stream == ROTATION || stream == COLOUR ? 3 : stream == OPACITY ? 1 : -1;
 }
 
-static void read_channel_fields(Reader *reader, ChannelModel *out) {
-    out->stream = read_u8(reader);
+/* The models of fields that a block has more than once. */
+typedef struct {
+    Numbers numbers;
+    NumberModel stream, components, first_widths, targets, stages, steps;
+} LayerReader;
+
+static int64_t read_field(LayerReader *reader, NumberModel *model) {
+    return read_limited(&reader->numbers, model, INT64_MAX);
+}
+
+static void read_channel_fields(LayerReader *reader, ChannelModel *out) {
+    uint32_t bits = 0;
+    out->stream = read_field(reader, &reader->stream);
     demand(out->stream >= POSITION_RESIDUAL && out->stream <= OFFSETS && out->stream != INDICES, "bad-channel");
-    out->components = read_u8(reader);
+    out->components = read_field(reader, &reader->components);
     demand(out->components >= 1 && out->components <= MOST_COMPONENTS, "bad-channel");
-    for (int64_t c = 0; c < out->components; c++) out->first_width[c] = read_f64(reader);
+    spend(&reader->numbers, out->components);
+    for (int64_t c = 0; c < out->components; c++) {
+        bits ^= next_number(&reader->numbers, &reader->first_widths);
+        out->first_width[c] = float_of(bits);
+    }
 }
 
 void read_layer_block(Model *m, int64_t k) {
     const Body block = m->blocks[k][LAYER_BLOCK];
     demand(block.bytes != NULL, "missing-block");
-    Reader reader = {block.bytes, block.length, 0};
+    LayerReader reader = {open_numbers(m, block)};
+    Numbers *numbers = &reader.numbers;
     Row *row = m->rows + k;
     memset(row, 0, sizeof *row);
-    row->mode = read_u8(&reader);
+    row->mode = read_once(numbers, INT64_MAX);
     demand(row->mode <= 1, "unsupported-entropy-mode");
     if (k == 1) {
-        m->channels = read_count(&reader, MOST_CHANNELS);
+        m->channels = read_once(numbers, MOST_CHANNELS);
         for (int64_t c = 0; c < m->channels; c++) read_channel_fields(&reader, m->channel + c);
-        m->passes_log2 = read_u8(&reader);
-        m->depths = read_count(&reader, MOST_DEPTHS);
-        for (int64_t d = 0; d < m->depths; d++) m->targets[d] = (int64_t)read_varint(&reader, 16);
+        m->passes_log2 = read_once(numbers, INT64_MAX);
+        m->depths = read_once(numbers, MOST_DEPTHS);
+        spend(numbers, m->depths);
+        for (int64_t d = 0; d < m->depths; d++) m->targets[d] = next_number(numbers, &reader.targets);
     }
-    row->classes = read_count(&reader, MOST_CLASSES);
+    row->classes = read_once(numbers, MOST_CLASSES);
     for (int64_t c = 0; c < row->classes; c++) {
-        row->stages[c] = read_u8(&reader);
-        for (int64_t i = 0; i < m->channels; i++) row->steps[i][c] = read_u8(&reader);
+        row->stages[c] = read_field(&reader, &reader.stages);
+        spend(numbers, m->channels);
+        for (int64_t i = 0; i < m->channels; i++) row->steps[i][c] = next_number(numbers, &reader.steps);
     }
-    read_end(&reader);
+    seal_numbers(numbers);
 }
 
 /* R-6.4-1 to R-6.4-3, then R-10.2-1. */
@@ -69,7 +87,7 @@ void check_channels(Model *m) {
     demand(channel_of(m, SCALE) >= 0 && (m->profile == EXPLICIT || channel_of(m, OFFSETS) >= 0), "bad-channel");
     demand(m->passes_log2 <= 3, "bad-context");
     for (int64_t d = 0; d < m->depths; d++)
-        demand(m->targets[d] >= 1 && (!d || m->targets[d] < m->targets[d - 1]), "bad-context");
+        demand(m->targets[d] >= 1 && m->targets[d] < (d ? m->targets[d - 1] : 1 << 16), "bad-context");
 }
 
 /* Whether numbers of classes do not fall from `old` on, and are at most `most`. */

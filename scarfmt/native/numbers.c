@@ -47,12 +47,13 @@ int64_t next_signed(Numbers *numbers, NumberModel *model) {
     return number & 1 ? -(number >> 1) - 1 : number >> 1;
 }
 
-float next_f32(Numbers *numbers, NumberModel *model) {
-    const uint32_t bits = next_number(numbers, model);
+float float_of(uint32_t bits) {
     float out;
     memcpy(&out, &bits, 4);
     return out;
 }
+
+float next_f32(Numbers *numbers, NumberModel *model) { return float_of(next_number(numbers, model)); }
 
 int64_t read_limited(Numbers *numbers, NumberModel *model, int64_t most) {
     spend(numbers, 1);

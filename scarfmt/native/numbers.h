@@ -1,4 +1,4 @@
-/* Adaptive numbers (SPEC 8.5), of which the blocks of models are streams, but for LAYER and HASH_GRID. */
+/* Adaptive numbers (SPEC 8.5), of which the blocks of models are streams, but for HASH_GRID. */
 
 #ifndef SCAR_NUMBERS_H
 #define SCAR_NUMBERS_H
@@ -39,6 +39,7 @@ void spend(Numbers *numbers, int64_t n);
 uint32_t next_number(Numbers *numbers, NumberModel *model);
 int64_t next_signed(Numbers *numbers, NumberModel *model);
 float next_f32(Numbers *numbers, NumberModel *model);
+float float_of(uint32_t bits);
 
 /* A number by itself, of at most `most`. Refuses limit-expansion, bad-number, count-limit. */
 int64_t read_limited(Numbers *numbers, NumberModel *model, int64_t most);

@@ -15,13 +15,6 @@ typedef struct {
 const uint8_t *read_bytes(Reader *reader, int64_t n);
 uint8_t read_u8(Reader *reader);
 uint32_t read_u32(Reader *reader);
-double read_f64(Reader *reader);
-
-/* bits: up to 63. Refuses payload-short, bad-varint. */
-uint64_t read_varint(Reader *reader, int64_t bits);
-
-/* Refuses count-limit too. */
-int64_t read_count(Reader *reader, int64_t most);
 
 /* That the payload is used up: refuses payload-long. */
 void read_end(const Reader *reader);

@@ -43,11 +43,15 @@ class Channel:
     Attributes:
         stream: the sub-stream that carries it, one of `streams.CHANNEL_STREAMS`.
         first_width: one a component: width of the cells of the first step, in units of the attribute; above 0, at
-            most 2^96.
+            most 2^96; rounded to float32.
     """
 
     stream: Stream
     first_width: tuple[float, ...]
+
+    def __post_init__(self) -> None:
+        with np.errstate(over="ignore"):
+            object.__setattr__(self, "first_width", tuple(np.array(self.first_width, np.float32).tolist()))
 
     @property
     def components(self) -> int:

@@ -45,13 +45,13 @@ def test_the_head_of_a_tile_is_the_tile_itself() -> None:
 
 def test_a_position_residual_beyond_its_cell_is_refused_in_the_layer_that_sends_it() -> None:
     """Even where a later layer brings it back: a cut file must not break a rule that the whole one keeps."""
-    channels = (Channel(Stream.POSITION_RESIDUAL, (0.3,) * 3),)
+    channels = (Channel(Stream.POSITION_RESIDUAL, (0.1875,) * 3),)
     rows = (LayerRow((0,), ((1,),)), LayerRow((0,), ((2,),)))
     model = SceneModel(Profile.EXPLICIT, 1, channels, rows)
     content = TileContent.empty(model, 1)
-    content.values[0][:] = 10  # 10 * 0.1 = 1 after both steps, but 3 * 0.3 = 0.9 after the first
-    assert decoded(model, content).values[0].tolist() == [[10, 10, 10]]
-    content.values[0][0] = [0, 11, 0]  # 11 * 0.1 is out; after the first step it is 4 * 0.3 = 1.2
+    content.values[0][:] = 16  # 16 * 0.0625 = 1 after both steps, but 5 * 0.1875 = 0.9375 after the first
+    assert decoded(model, content).values[0].tolist() == [[16, 16, 16]]
+    content.values[0][0] = [0, 17, 0]  # 17 * 0.0625 is out; after the first step it is 6 * 0.1875 = 1.125
     refuses("value-range", lambda: decoded(model, content, layers=1))
 
 

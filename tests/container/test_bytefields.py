@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from functools import partial
-
 import numpy as np
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from scarfmt.container.bytefields import ByteReader, unsigned_varint, unsigned_varints
-from scarfmt.errors import LimitExceeded, Malformed, ScarError
+from scarfmt.errors import Malformed, ScarError
 from tests.samples.codec_samples import refuses
 
 
@@ -57,14 +55,6 @@ def test_the_cursor_never_leaves_the_payload() -> None:
     refuses("payload-long", reader.finish, "place", kind=Malformed)
     assert reader.take(2) == b"ef"
     reader.finish()
-
-
-def test_counts_are_compared_before_anything_is_made_of_them() -> None:
-    """A count above its limit is a limit, not damage: the caller may raise it."""
-    assert ByteReader(unsigned_varint(5), "x").count(5) == 5
-    for count in (6, 2**63 - 1):
-        refuses("count-limit", partial(ByteReader(unsigned_varint(count), "x").count, 5), kind=LimitExceeded)
-    refuses("bad-varint", partial(ByteReader(unsigned_varint(2**63), "x").count, 5), kind=Malformed)
 
 
 BYTES = st.one_of(st.integers(0, 255), st.sampled_from([0, 1, 0x7F, 0x80, 0x81, 0xFF]))

@@ -9,14 +9,12 @@ from pathlib import Path
 
 import pytest
 
-from conformance.surgery.files import changed
 from fuzz.campaign import Examiner, run_campaign
 from fuzz.case import Case
 from fuzz.corpus import encoded
 from fuzz.inputs import Inputs, examine
 from fuzz.target import decoded, decoded_by
 from fuzz.testing.mutators import ON_BLOCKS
-from scarfmt.container.schema import BlockKind
 
 FILES = encoded()
 SMALL = [file.data for file in FILES if len(file.data) < 8000]
@@ -58,17 +56,6 @@ def test_an_input_that_ends_the_process_is_a_finding_and_the_others_are_examined
     assert [finding["input"] for finding in tally.findings] == ["3 it", "6 it"]
     assert tally.findings[0]["what"].startswith("died, exit code 9")
     assert ((tmp_path / "3").read_bytes(), (tmp_path / "6").read_bytes()) == (b"\3", b"\6")
-
-
-@pytest.mark.parametrize("native", [False, True])
-def test_a_varint_of_ten_bytes_is_refused_though_its_last_bits_leave_64(native: bool) -> None:
-    """A number below 2^63 remains of what fits in 64 bits."""
-    data = next(file.data for file in FILES if file.name == "neural-explicit-4")
-
-    def with_long_count(block: bytes) -> bytes:
-        return block[:1] + bytes([block[1] | 128, *[128] * 8, 2]) + block[2:]
-
-    assert decoded_by(changed(data, BlockKind.LAYER, 2, with_long_count), native) == "bad-varint"
 
 
 @pytest.mark.parametrize("native", [False, True])

@@ -53,11 +53,6 @@ class Payload:
         require(value < 1 << b and not (byte == 0 and shift > 7), "bad-varint")
         return value
 
-    def count(self, most: int) -> int:
-        value = self.varint(63)
-        require(value <= most, "count-limit")
-        return value
-
     def finish(self) -> None:
         require(self.at == len(self.data), "payload-long")
 

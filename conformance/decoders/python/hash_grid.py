@@ -69,12 +69,12 @@ class Grid(NamedTuple):
 
 def parse_grid(block: bytes) -> Grid:
     reader = Payload(block)
-    origin, extent_bits = [reader.varint(32) for _ in range(3)], reader.varint(32)
-    shapes = [[reader.varint(32) for _ in range(4)] for _ in range(reader.count(16))]
+    *origin, extent_bits, count = reader.fields("3I2B")
+    shapes = [reader.fields("BIBB") for _ in range(count)]
     most = (len(PLANES) - 1, 65535, 19, 8)
     fits = all(a <= b for shape in shapes for a, b in zip(shape, most, strict=True))
     least = all(min(shape[1:]) >= 1 for shape in shapes)
-    require(extent_bits <= 32 and bool(shapes) and fits and least, "bad-grid")
+    require(extent_bits <= 32 and 1 <= count <= 16 and fits and least, "bad-grid")
     bits = sum(level.entries * level.features for level in (Level(PLANES[plane], *shape) for plane, *shape in shapes))
     require(bits <= 1 << 24, "bad-grid")
     levels = []

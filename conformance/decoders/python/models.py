@@ -14,7 +14,6 @@ from conformance.decoders.python.fields import (
     POSITION_RESIDUAL,
     ROTATION,
     SCALE,
-    Payload,
     key,
     require,
 )
@@ -55,26 +54,25 @@ class Opening(NamedTuple):
     targets: list[int]
 
 
-def parse_layer(block: bytes, k: int, opening: Opening) -> tuple[Row, Opening]:
-    reader = Payload(block)
-    mode = reader.u8()
+def parse_layer(numbers: Numbers, k: int, opening: Opening) -> tuple[Row, Opening]:
+    mode = numbers.number("entropy_mode")
     require(mode in (0, 1), "unsupported-entropy-mode")
     if k == 1:
-        channels = [_channel(reader) for _ in range(reader.count(8))]
-        passes_log2 = reader.u8()
-        opening = Opening(channels, passes_log2, [reader.varint(16) for _ in range(reader.count(4))])
-    classes = [(reader.u8(), list(reader.take(len(opening.channels)))) for _ in range(reader.count(15))]
-    reader.finish()
+        channels = [_channel(numbers) for _ in range(numbers.count(8, "channel_count"))]
+        passes_log2, targets = numbers.number("passes_log2"), numbers.count(4, "target_count")
+        opening = Opening(channels, passes_log2, numbers.numbers(targets, "occupancy_targets"))
+    n = len(opening.channels)
+    classes = [(numbers.number("stages"), numbers.numbers(n, "steps")) for _ in range(numbers.count(15, "class_count"))]
+    numbers.seal()
     return Row(mode, classes), opening
 
 
-def _channel(reader: Payload) -> Channel:
-    channel = Channel(reader.u8(), [])
-    require(any(channel.stream in profile for profile in _COMPONENTS), "bad-channel")
-    components = reader.u8()
+def _channel(numbers: Numbers) -> Channel:
+    stream = numbers.number("stream")
+    require(any(stream in profile for profile in _COMPONENTS), "bad-channel")
+    components = numbers.number("components")
     require(1 <= components <= 64, "bad-channel")
-    channel.first_widths.extend(reader.fields(f"{components}d"))
-    return channel
+    return Channel(stream, numbers.xor_f32(components, "first_widths"))
 
 
 def check_opening(opening: Opening, profile: int) -> None:
@@ -87,7 +85,8 @@ def check_opening(opening: Opening, profile: int) -> None:
         require(all(0 < width <= 2.0**96 for width in channel.first_widths), "bad-channel")
     targets = opening.targets
     descend = all(a > b for a, b in pairwise(targets))
-    require(opening.passes_log2 <= 3 and min(targets, default=1) >= 1 and descend, "bad-context")
+    fits = all(1 <= target <= 65535 for target in targets)
+    require(opening.passes_log2 <= 3 and fits and descend, "bad-context")
 
 
 def check_rows(rows: list[Row], channels: list[Channel], profile: int) -> None:

@@ -1,8 +1,10 @@
-"""Adaptive numbers (SPEC §8.5), of which all blocks of models but LAYER and HASH_GRID are made."""
+"""Adaptive numbers (SPEC §8.5), of which all blocks of models but HASH_GRID are made."""
 
 from __future__ import annotations
 
 import struct
+from itertools import accumulate
+from operator import xor
 
 from conformance.decoders.python.fields import TOTAL, Rans, require
 
@@ -83,6 +85,10 @@ class Numbers:
 
     def f32(self, n: int, *field: str | int) -> list[float]:
         return list(struct.unpack(f"<{n}f", struct.pack(f"<{n}I", *self.numbers(n, *field))))
+
+    def xor_f32(self, n: int, *field: str | int) -> list[float]:
+        bits = accumulate(self.numbers(n, *field), xor)
+        return list(struct.unpack(f"<{n}f", struct.pack(f"<{n}I", *bits)))
 
     def seal(self) -> None:
         self.rans.seal()

@@ -84,7 +84,7 @@ class StaticDecoder:
                 self.damaged.add(place)
         require(all(kind == TILE for _, kind, _ in self.damaged), "crc-mismatch")
         self.traces = [Trace() for _ in range(self.k)]
-        self._budget = Budget((1 << 20) + limits.numbers_per_byte * self.file_length)
+        self.budget = Budget((1 << 20) + limits.numbers_per_byte * self.file_length)
         self._layer_table()
         self.read_models()
 
@@ -93,7 +93,7 @@ class StaticDecoder:
 
     def numbers(self, block: bytes) -> Numbers:
         """The numbers of a block, which count towards those that the file may have (SPEC §13.2)."""
-        return Numbers(block, self._budget)
+        return Numbers(block, self.budget)
 
     def needed(self, layer: int, kind: int) -> bytes:
         block = self.model(layer, kind)
@@ -107,7 +107,7 @@ class StaticDecoder:
         self.rows: list[Row] = []
         self.tables: list[dict[int, Table]] = []
         for k in range(1, self.k + 1):
-            row, self.opening = parse_layer(self.needed(k, LAYER), k, self.opening)
+            row, self.opening = parse_layer(self.numbers(self.needed(k, LAYER)), k, self.opening)
             self.rows.append(row)
             tables, added = dict(self.tables[-1] if self.tables else {}), self.model(k, TABLES)
             if added is not None:

@@ -10,8 +10,6 @@ from conformance.decoders.python.container import STREAMING_KIND, annotation
 from conformance.decoders.python.fields import Payload, require
 from conformance.decoders.python.front import FILE_HEADER, numbers_at
 
-MAX_TILES = 1 << 24
-
 
 def read_streaming(data: bytes) -> Any:
     """The STREAMING block of a file whose header and directory are sound; None if there is none."""
@@ -26,8 +24,9 @@ def read_streaming(data: bytes) -> Any:
 def parse_streaming(block: bytes) -> dict[str, Any]:
     """The fields of a block as the protocol has them."""
     reader = Payload(block)
-    tiles = reader.count(MAX_TILES)
-    view: tuple[float, ...] = reader.fields(f"{10 * reader.count(1)}f")
+    tiles, views = reader.fields("IB")
+    require(views <= 1, "bad-streaming")
+    view: tuple[float, ...] = reader.fields(f"{10 * views}f")
     if view:
         require(all(map(math.isfinite, view)) and 0 < view[9] < math.pi, "bad-streaming")
     low, high = list(reader.take(3 * tiles)), list(reader.take(3 * tiles))

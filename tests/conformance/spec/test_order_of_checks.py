@@ -8,9 +8,9 @@ from conformance.spec.spec_text import RULE_ID, Rule, rules, text
 
 _ROW = re.compile(r"^\| (\d+)\.(\d+) \| (.+?) \| (R-.*?) \| (.*?) \|$", re.MULTILINE)
 _RANGE = re.compile(rf"({RULE_ID.pattern})(?: to ({RULE_ID.pattern}))?")
-_PAYLOAD = {"bad-varint", "payload-short", "payload-long", "count-limit"}
+_PAYLOAD = {"bad-varint", "payload-short", "payload-long"}
 _NUMBER = {"rans-length", "rans-last-word", "limit-expansion", "bad-number", "count-limit", "rans-seal"}
-_OF_NUMBERS = ["R-8.2-1", "R-13.2-1", "R-8.5-1", "R-8.5-2", "R-8.2-2"]
+_OF_NUMBERS = ["R-8.2-1", "R-13.2-1", "R-8.5-1", "R-8.5-2", "R-8.5-4", "R-8.2-2"]
 # Not of a decode of a whole file: annotations, later versions, truncation.
 _ELSEWHERE = ("R-7.10-", "R-7.13-", "R-11-", "R-14-")
 

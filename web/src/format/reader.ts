@@ -1,4 +1,4 @@
-/** Reading the fields of a payload in order: little-endian numbers, varints, counts (SPEC §1, §5.7). */
+/** Reading the fields of a payload in order: little-endian numbers, varints (SPEC §1, §5.7). */
 
 import { Refused } from "./errors.js";
 
@@ -80,12 +80,6 @@ export class Reader {
     if (near < 2 ** 53) return BigInt(near);
     let value = 0n;
     for (let i = this.#at - 1; i >= start; i--) value = (value << 7n) | BigInt(this.bytes[i] & 0x7f);
-    return value;
-  }
-
-  count(most: number): number {
-    const value = this.varint(63);
-    if (value > most) this.refuse("count-limit", `a count of ${value}, at most ${most} allowed`);
     return value;
   }
 

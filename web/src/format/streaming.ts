@@ -1,7 +1,6 @@
 /** STREAMING (SPEC §7.13): where the content of tiles shows, and a view to begin with. */
 
 import { Reader } from "./reader.js";
-import { MAX_TILES } from "./registry.js";
 
 export interface Streaming {
   tiles: number;
@@ -20,8 +19,10 @@ const VIEW = 10;
 /** Throws Refused where a rule of §7.13 is broken. @param block its bytes @param offset where they are in the file */
 export function parseStreaming(block: Uint8Array, offset = 0): Streaming {
   const reader = new Reader(block, offset);
-  const tiles = reader.count(MAX_TILES);
-  const view = Array.from({ length: reader.count(1) * VIEW }, () => reader.f32());
+  const tiles = reader.u32();
+  const views = reader.u8();
+  reader.demand(views <= 1, "bad-streaming", "more than one view");
+  const view = Array.from({ length: views * VIEW }, () => reader.f32());
   if (view.length > 0) {
     const field = view[VIEW - 1];
     reader.demand(view.every(Number.isFinite) && field > 0 && field < Math.PI, "bad-streaming", "no view");
