@@ -19,10 +19,6 @@ _RANGE = re.compile(r"bytes=(\d{0,18})-(\d{0,18})", re.ASCII)
 _GZIP = re.compile(r"(?:^|,)\s*gzip\s*(?:;\s*q\s*=\s*(?:1|0\.\d*[1-9])[\d.]*\s*)?(?:,|$)", re.IGNORECASE)
 
 
-class Unsatisfiable(Exception):
-    """A range of which the file has no byte: status 416."""
-
-
 def parse_range(header: str | None, size: int) -> tuple[int, int] | None:
     """First byte and end of the part that a `Range` header asks for (RFC 9110 §14); None for the whole file.
 
@@ -31,8 +27,8 @@ def parse_range(header: str | None, size: int) -> tuple[int, int] | None:
     Args:
         size: of the file, bytes.
 
-    Raises:
-        Unsatisfiable: nothing of the file lies in the range.
+    Returns:
+        An end that is not above the first byte where nothing of the file lies in the range: status 416.
     """
     match = _RANGE.fullmatch(header.strip()) if header is not None else None
     if match is None or not (match[1] or match[2]):
@@ -43,8 +39,6 @@ def parse_range(header: str | None, size: int) -> tuple[int, int] | None:
         first, end = int(match[1]), min(size, int(match[2]) + 1) if match[2] else size
         if match[2] and int(match[2]) < first:
             return None
-    if first >= end:
-        raise Unsatisfiable
     return first, end
 
 
@@ -145,13 +139,12 @@ class _Handler(BaseHTTPRequestHandler):
             self._send_head(HTTPStatus.NOT_MODIFIED, version, encoding)
             return
         conditional = self.headers.get("If-Range")
-        try:
-            part = parse_range(self.headers.get("Range") if conditional in (None, version.tag) else None, version.size)
-        except Unsatisfiable:
+        part = parse_range(self.headers.get("Range") if conditional in (None, version.tag) else None, version.size)
+        first, end = part or (0, version.size)
+        if part and first >= end:
             unknown = {"Content-Range": f"bytes */{version.size}", "Content-Length": "0"}
             self._send_head(HTTPStatus.REQUESTED_RANGE_NOT_SATISFIABLE, version, unknown)
             return
-        first, end = part or (0, version.size)
         about = {"Content-Type": version.kind, "Content-Length": str(end - first), **encoding}
         if part:
             about["Content-Range"] = f"bytes {first}-{end - 1}/{version.size}"

@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 
 from scarfmt.container.source import BytesSource, FileSource
 from scarfmt.viewer.offers import FileOffer, Offer, PageFile, SourceOffer, page_offers, scene_offer
-from scarfmt.viewer.server import Unsatisfiable, ViewerServer, accepts_gzip, parse_range, serve
+from scarfmt.viewer.server import ViewerServer, accepts_gzip, parse_range, serve
 
 CONTENT = bytes(range(256)) * 4
 
@@ -211,16 +211,13 @@ def test_a_range_is_read_as_the_rfc_says(header: str | None, part: tuple[int, in
 
 @given(st.integers(0, 1000), st.integers(0, 1200), st.integers(0, 1200))
 def test_a_range_lies_in_the_file(size: int, first: int, last: int) -> None:
-    """No byte outside the file is read, and none is left out; a range without a byte is refused."""
-    try:
-        part = parse_range(f"bytes={first}-{last}", size)
-    except Unsatisfiable:
-        assert first >= size
-        return
+    """No byte outside the file is read, and none is left out."""
+    part = parse_range(f"bytes={first}-{last}", size)
     assert part == (None if last < first else (first, min(last + 1, size)))
 
 
 @pytest.mark.parametrize(("header", "size"), [("bytes=100-", 100), ("bytes=-0", 100), ("bytes=0-", 0)])
-def test_a_range_without_a_byte_is_refused(header: str, size: int) -> None:
-    with pytest.raises(Unsatisfiable):
-        parse_range(header, size)
+def test_a_range_without_a_byte_is_empty(header: str, size: int) -> None:
+    part = parse_range(header, size)
+    assert part is not None
+    assert part[0] >= part[1]
