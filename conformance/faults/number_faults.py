@@ -75,6 +75,11 @@ def _shift(numbers: list[Number], shift: int, first: int) -> list[Number]:
     return [*numbers[:at], (numbers[at][0], shift), (numbers[at + 1][0], first), *numbers[at + 2 :]]
 
 
+def _high_digit(numbers: list[Number], digit: int) -> list[Number]:
+    """The numbers, 256 for a digit of each key that follows another digit than that of the key before."""
+    return [(name, 256 if name == ("key", digit, 0) else number) for name, number in numbers]
+
+
 def table_faults(static: bytes) -> Iterator[Fault]:
     """Faults of tables; most add one at the end that codes nothing."""
 
@@ -86,6 +91,8 @@ def table_faults(static: bytes) -> Iterator[Fault]:
 
     yield "key-digit-256", "a stream kind of 256", *_TABLE, with_tables(
         static, 1, lambda records: [*records, Record(256 << 24, (0,), (1,))])
+    for digit, what in enumerate(("component", "step", "context"), start=1):
+        yield f"key-digit-{digit}-256", f"a {what} of 256", *_TABLE, numbers(partial(_high_digit, digit=digit))
     most = with_tables(static, 1, lambda records: [*records, Record((1 << 32) - 1, (0,), (1,))])
     # The numbers of its key are 0 and cost nothing.
     yield ("key-after-last", "a key after that of four digits of 255", *_TABLE,

@@ -119,7 +119,7 @@ class PreviewScene:
         at = self.corners[rows]
         if Stream.POSITION_RESIDUAL in values:
             at = at + values[Stream.POSITION_RESIDUAL] * self.cell[rows, None]
-        decoder = self.problem.decoder if Stream.LATENT in values else None
+        decoder = self.problem.latent.decoder if self.problem.latent and Stream.LATENT in values else None
         nothing = None, np.zeros((len(at), 0), np.int64), np.zeros(len(at), np.int64)
         return explicit_scene(at, values, self.problem.sh_degree, decoder, nothing, self.problem.description)
 

@@ -107,7 +107,7 @@ def assemble_scene(
         model=model,
         tiles=placement.tiles,
         contents=cut_contents(model, placement, problem.classes.of, allocation.integers, slot_layers),
-        decoder=problem.decoder if model.channel_index(Stream.LATENT) is not None else None,
+        decoder=problem.latent.decoder if problem.latent and model.channel_index(Stream.LATENT) is not None else None,
         scene_mlps=mlps,
         metadata=dict(metadata),
     )

@@ -318,7 +318,7 @@ def price_layers(problem: RdoInput, curves: Sequence[RdCurve]) -> LayerCosts:
     absence = repeat * COARSE_ABSENCE * np.bincount(classes.of, classes.importance, classes.count)
     counts = np.bincount(classes.of, minlength=classes.count)
     sizes = np.rint((0 if classes.coverage_rank is None else repeat) * counts).astype(np.int64)
-    weights = sum(int(layer.weights.size) for layer in problem.decoder.layers) if problem.decoder else 0
+    weights = 0 if problem.latent is None else sum(layer.weights.size for layer in problem.latent.decoder.layers)
     return LayerCosts(
         curves=curves,
         presence_bits=classes.presence_bits,

@@ -9,7 +9,6 @@ from reference_encoder.rdo.classes import Classes
 from reference_encoder.rdo.latent import Latent
 from reference_encoder.rdo.lattice import Placement
 from scarfmt.arrays import F64, Floats
-from scarfmt.blocks.mlp import QuantisedMlp
 from scarfmt.container.schema import Profile, Stream
 from scarfmt.scene.description import NOTHING_SAID, Description
 
@@ -51,8 +50,3 @@ class RdoInput:
     base_share: float
     repeat: float = 1.0
     description: Description = NOTHING_SAID
-
-    @property
-    def decoder(self) -> QuantisedMlp | None:
-        """Of the latents (SPEC §9.2)."""
-        return None if self.latent is None else self.latent.decoder
