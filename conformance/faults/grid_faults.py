@@ -53,6 +53,8 @@ def grid_faults(small: bytes) -> Iterator[Fault]:
            put([*numbers[:4], 5, *[0, 65535, 19, 8] * 5], growth=5 - levels))
     yield ("grid-levels-17", "17 levels", *_BAD,
            put([*numbers[:4], 17, *numbers[5:9] * 17], streams * 17, growth=17 - levels))
+    yield ("grid-levels-17-short", "17 levels, of which the last ends early", *_SHORT,
+           changed(small, _GRID, 1, lambda _: _head([*numbers[:4], 17, *numbers[5:9] * 17])[:-1], 17 - levels))
     length = int.from_bytes(streams[1:5], "little")
     for name, what, rule, change in (
         ("short", "a grid that ends in its last stream", _SHORT, cut),

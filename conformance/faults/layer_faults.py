@@ -134,7 +134,7 @@ def _step_faults(static: File) -> Iterator[Fault]:
         ("infinite", "infinite", math.inf), ("large", "the next f32 above 2^96", above),
     ):
         channel = replace(scale, first_width=(*scale.first_width[:2], width))
-        yield f"step-{name}", f"a step that is {what}", *_STEP, _with_channels(static, channel)
+        yield f"step-{name}", f"a first width that is {what}", *_STEP, _with_channels(static, channel)
 
 
 def _row_faults(explicit: File, anchor: File) -> Iterator[Fault]:
@@ -150,11 +150,15 @@ def _row_faults(explicit: File, anchor: File) -> Iterator[Fault]:
     yield ("classes-taken-back", "fewer classes than in the layer before", *_ROWS,
            row(3, stages=third.stages[:1], steps=third.steps[:1]))
     yield "stages-nine", "nine stages", *_ROWS, row(3, stages=(9, *third.stages[1:]))
+    yield ("stages-256", "256 stages more than there are, of which a byte holds those", *_ROWS,
+           row(3, stages=(256 + third.stages[0], *third.stages[1:])))
     yield "stages-taken-back", "a class has fewer stages than before", *_ROWS, row(3, stages=(1, *third.stages[1:]))
     steps = third.steps[0]
     second = explicit[1].model.layers[1].steps
     yield ("steps-taken-back", "a class has fewer steps than in the layer before", *_ROWS,
            row(2, steps=((*second[0][:1], 0, *second[0][2:]), *second[1:])))
+    yield ("steps-256", "256 steps more than there are, of which a byte holds those", *_ROWS,
+           row(3, steps=((256 + steps[0], *steps[1:]), *third.steps[1:])))
     yield "steps-21", "twenty-one steps", *_ROWS, row(3, steps=((*steps[:1], 21, *steps[2:]), *third.steps[1:]))
     opening = anchor[1].model.layers[0]
     for number in (0, 2):
@@ -179,6 +183,7 @@ def _mode_faults(explicit: File, predictors: bytes, stageless: bytes) -> Iterato
     unknown, idle = ("R-7.11-1", "unsupported-entropy-mode"), ("R-10.4-1", "bad-layer-table")
     for name, purpose, rule, data, mode in (
         ("entropy-mode-2", "an entropy mode that is not assigned", unknown, predictors, 2),
+        ("entropy-mode-256", "entropy mode 256, of which a byte holds 0", unknown, predictors, 256),
         ("mode-without-stage", "entropy mode 1 in a layer in which no class has a stage", idle, stageless, 1),
     ):
         yield name, purpose, *rule, renumbered(data, BlockKind.LAYER, numbered(("entropy_mode", mode)))
@@ -211,6 +216,8 @@ def _context_faults(predictors: bytes) -> Iterator[Fault]:
         ("targets-equal", "occupancy targets do not descend", bad, 2, (40, 40)),
         ("target-zero", "an occupancy target is 0", bad, 2, (40, 0)),
         ("target-large", "a target of 65536", bad, 2, (65536,)),
+        ("target-65537", "a target of 65537, of which 16 bits hold 1", bad, 2, (65537,)),
+        ("passes-256", "passes_log2 is 256, of which a byte holds 0", bad, 256, (40, 5)),
         ("five-targets", "five targets", ("R-8.5-4", _LIMIT), 2, (40, 30, 20, 10, 5)),
     ):
         yield name, purpose, *rule, with_context(predictors, passes_log2, *targets)
@@ -223,5 +230,7 @@ def _number_faults(static: bytes) -> Iterator[Fault]:
         ("stream", Stream.FRAMING, f"channel-stream-{int(Stream.FRAMING)}", "a channel of FRAMING"),
         ("components", 0, "components-0", "a channel without components"),
         ("components", 65, "components-65", "a channel of 65 components"),
+        ("stream", 261, "channel-stream-261", "a channel of kind 261, of which a byte holds SCALE"),
+        ("components", 259, "components-259", "a channel of 259 components, of which a byte holds 3"),
     ):
         yield name, purpose, *_RECORD, renumbered(static, BlockKind.LAYER, numbered((field, int(value))))

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from conformance.scenes.cases import Case, Fault, refused
-from conformance.surgery.edit import Changes, append, more, replaced, splice
-from conformance.surgery.files import changed
+from conformance.surgery.edit import Changes, append, more, numbered, replaced, splice
+from conformance.surgery.files import changed, renumbered
 from conformance.surgery.parts import (
     TILE_KIND,
     block_added,
@@ -114,5 +114,11 @@ def _block_faults(base: bytes) -> Iterator[Fault]:
            "rans-length", broken(second, entry_with(TILE_KIND, crc32=more)))
     yield ("layer-by-layer", "TABLES of layer 1 before LAYER of layer 2", "R-8.2-1", "rans-length",
            changed(changed(base, _TABLES, 1, append()), _LAYER, 2, replaced(bytes(4))))
+    steps = renumbered(base, _LAYER, numbered(("steps", 21)))
+    yield ("tables-rows", "TABLES of layer 1 before the steps of LAYER", "R-8.2-1", "rans-length",
+           changed(steps, _TABLES, 1, append()))
+    passes = renumbered(base, _LAYER, numbered(("passes_log2", 4)))
+    yield ("layer-context", "the seal of LAYER before its passes", "R-8.2-2", "rans-seal",
+           renumbered(passes, _LAYER, lambda numbers: [*numbers, (("more", None), 1)]))
     yield ("tables-codebooks", "TABLES of layer 2 before CODEBOOKS of layer 1", "R-8.2-1", "rans-last-word",
            changed(changed(base, _TABLES, 2, replaced(bytes(4))), _CODEBOOKS, 1, replaced(b"\0")))

@@ -6,6 +6,8 @@ import itertools
 import textwrap
 from collections.abc import Iterable, Iterator
 
+import numpy as np
+
 from conformance.decoders.python.answers import Answers
 from conformance.decoders.python.decoder import Decoder
 from conformance.decoders.python.fields import Rans, key
@@ -97,10 +99,17 @@ def _state(block: bytes) -> str:
 
 
 def _listed(numbers: list[tuple[Field, int]]) -> str:
-    """``name number number, name number``; bits of f32 in hexadecimal digits."""
+    """``name number number, name number``; of first widths bits in hexadecimal digits, and what they stand for."""
     fields = itertools.groupby(numbers, lambda one: str(one[0][0]))
-    digits = {"first_widths": "#x"}
-    return ", ".join(" ".join([name, *(format(n, digits.get(name, "")) for _, n in part)]) for name, part in fields)
+    out = []
+    for name, part in fields:
+        found = [number for _, number in part]
+        widths = name == "first_widths"
+        out.append(" ".join([name, *(f"{number:#x}" if widths else str(number) for number in found)]))
+        if widths:
+            bits = np.bitwise_xor.accumulate(np.array(found, np.uint32))
+            out[-1] += f" ({' '.join(map(str, bits.view(np.float32)))})"
+    return ", ".join(out)
 
 
 def _key_text(number: int) -> str:

@@ -40,7 +40,7 @@ STATIC, NEURAL = 0, 1
 _CHANNEL = Record(
     "stream" / Number(shown=stream_name),
     Rule(
-        Check("R-7.11-2", "stream is that of a channel", "bad-channel"),
+        Check("R-7.11-2", "stream is in the table of 6.4, of either profile", "bad-channel"),
         lambda at: at["stream"] in CHANNEL_STREAMS,
         lambda at: Malformed("bad-channel", f"no channel has stream {at['stream']}", field="channels"),
     ),

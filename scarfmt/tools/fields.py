@@ -44,7 +44,7 @@ def shown(value: Any, full: bool) -> Any:
     if isinstance(value, np.ndarray):
         numbers = value.ravel() if full else value.ravel()[:SHOWN_NUMBERS]
         more = f" … ({value.size} numbers)" if value.size > len(numbers) else ""
-        return " ".join(f"{number:g}" if value.dtype.kind == "f" else str(number) for number in numbers) + more
+        return " ".join(map(str, numbers)) + more
     return value
 
 
