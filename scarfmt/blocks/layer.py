@@ -147,6 +147,5 @@ SPEC = BlockSpec(
     elements="classes in its row",
     layers=lambda model: range(1, len(model.layers) + 1),
     required=True,
-    field="layer",
     parameters=_parameters,
 )

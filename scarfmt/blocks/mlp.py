@@ -187,7 +187,6 @@ DECODER_SPEC = BlockSpec(
     elements="networks",
     layers=lambda model: {first_layers(model)[2]},
     required=True,
-    field="mlp",
 )
 
 # Where the block is absent, the networks that are not there are refused (R-7.9-4).
@@ -201,5 +200,4 @@ SCENE_SPEC = BlockSpec(
     count=len,
     elements="networks",
     layers=lambda model: {1 if model.profile == Profile.ANCHOR else None},
-    field="mlp",
 )

@@ -68,7 +68,6 @@ class BlockSpec:
         layers: model -> layers in which something first needs the block, None for what nothing needs; it may stand
             nowhere else. None for kinds that may stand in any layer.
         required: whether it must stand in all of these.
-        field: what errors call the numbers of a block of numbers.
         parameters: what the declaration is read with.
     """
 
@@ -82,5 +81,4 @@ class BlockSpec:
     elements: str
     layers: Callable[[SceneModel], Collection[int | None]] | None = None
     required: bool = False
-    field: str = ""
     parameters: Callable[[bytes, Reading], dict[str, Any]] = no_parameters

@@ -170,5 +170,4 @@ SPEC = BlockSpec(
     taken=lambda writing: writing.tables or None,
     count=len,
     elements="table records",
-    field="tables",
 )

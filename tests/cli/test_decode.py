@@ -6,6 +6,7 @@ import importlib.util
 import json
 import time
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -49,7 +50,7 @@ def test_pipes_carry_a_ply(encoded: Path, tmp_path: Path) -> None:
         (("--threads", 2), {}),
     ],
 )
-def test_parts(explicit_scar: Path, tmp_path: Path, options: tuple[object, ...], arguments: dict) -> None:  # type: ignore[type-arg]
+def test_parts(explicit_scar: Path, tmp_path: Path, options: tuple[object, ...], arguments: dict[str, Any]) -> None:
     assert run("decode", explicit_scar, tmp_path / "a.npz", *options).exit_code == 0
     expected = decode_scene(explicit_scar, **arguments)
     assert len(expected) > 0

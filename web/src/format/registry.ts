@@ -6,7 +6,6 @@ export const BLOCK = { PREDICTORS: 8, THUMBNAIL: 15, TILE: 16, METADATA: 64, STR
 export const PROFILE = { EXPLICIT: 0, ANCHOR: 1 } as const;
 
 export const MAX_LAYERS = 16;
-export const MAX_TILES = 16777216;
 /** Depth of the smallest tiles; Morton codes at this depth have 63 bits (SPEC §6.2). */
 export const MAX_DEPTH = 21;
 
