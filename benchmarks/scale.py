@@ -101,7 +101,7 @@ def measure_decoding(path: Path) -> Run:
 # In ranges
 
 
-def write_copies(source: Scene, count: int, path: Path, seed: int = 0) -> None:
+def write_copies(source: Scene, count: int, path: Path) -> None:
     """Write a PLY of exactly `count` Gaussians while it is made: copies side by side on the ground, the last in part.
 
     Each is moved to a place of its own, and but for the first also jittered (positions by about a tenth of a Gaussian's
@@ -112,7 +112,6 @@ def write_copies(source: Scene, count: int, path: Path, seed: int = 0) -> None:
         source: the real scene.
         count: Gaussians.
         path: of the PLY.
-        seed: of all random choices.
     """
     scene, _ = clean(load(source.path), drop_invalid=True)
     assert isinstance(scene, GaussianScene)
@@ -123,17 +122,17 @@ def write_copies(source: Scene, count: int, path: Path, seed: int = 0) -> None:
         comments = [f"copies of {source.name}, moved, jittered and recoloured"]
         stream.write(ply_header(count, scene.sh.shape[1] - 1, comments))
         for number in range(-(-count // len(scene))):
-            made = copy_of(scene, number, seed)
+            made = copy_of(scene, number)
             place = step * ((number % columns) * axes[0] + (number // columns) * axes[1])
             part = replace(made, positions=made.positions + place).rows(slice(0, count - number * len(scene)))
             stream.write(ply_rows(part).data)
 
 
-def copy_of(scene: GaussianScene, number: int, seed: int) -> GaussianScene:
+def copy_of(scene: GaussianScene, number: int) -> GaussianScene:
     """A copy of a scene in its place; the first is the scene."""
     if number == 0:
         return scene
-    random = np.random.default_rng([seed, number])
+    random = np.random.default_rng([0, number])
     size = np.exp(scene.log_scales.astype(np.float64)).mean(axis=1, keepdims=True)
     gain = np.exp(_GAIN * random.normal(size=3))
     colour = scene.sh * gain + _COLOUR_JITTER * random.normal(size=scene.sh.shape)

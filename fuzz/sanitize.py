@@ -44,14 +44,14 @@ def build(sources: Path = REPOSITORY / "scarfmt" / "native", folder: Path = BUIL
     return library
 
 
-def run_under_sanitizers(arguments: list[str], folder: Path = BUILD) -> int:
+def run_under_sanitizers(arguments: list[str]) -> int:
     """The exit code of this module's `--inside` with the sanitizers loaded before Python itself."""
     runtime = subprocess.run(["gcc", "-print-file-name=libasan.so"], check=True, capture_output=True, text=True)
     # Through malloc, every bytes object and array has ends that are watched.
     environment = {**os.environ, **OPTIONS, "LD_PRELOAD": runtime.stdout.strip(), "PYTHONMALLOC": "malloc"}
-    environment["PYTHONPATH"] = f"{folder}{os.pathsep}{REPOSITORY}"
-    command = [sys.executable, "-m", "fuzz.sanitize", "--inside", str(folder), *arguments]
-    return subprocess.run(command, cwd=folder, env=environment, check=False).returncode
+    environment["PYTHONPATH"] = f"{BUILD}{os.pathsep}{REPOSITORY}"
+    command = [sys.executable, "-m", "fuzz.sanitize", "--inside", str(BUILD), *arguments]
+    return subprocess.run(command, cwd=BUILD, env=environment, check=False).returncode
 
 
 def work(folder: Path, seed: str, minutes: float, count: str) -> int:

@@ -153,16 +153,15 @@ def tangent(angle: float) -> float:
     return angle / below
 
 
-def share_in_picture(boxes: Boxes, camera: Camera, margin: float = MARGIN) -> F64:
-    """(T,) float64 share of each box that is in the picture, of 64 sample places in it.
+def share_in_picture(boxes: Boxes, camera: Camera) -> F64:
+    """(T,) float64 share of each of T boxes that is in the picture and its margin, of 64 sample places in it.
 
     Args:
         boxes: of T tiles.
         camera: to look with, from where it will be.
-        margin: how much wider than the picture counts.
     """
     forward, right, up = camera_axes(camera)
-    tall = margin * tangent(camera.fov_y / 2)
+    tall = MARGIN * tangent(camera.fov_y / 2)
     wide = tall * (camera.width / camera.height)
     away, half = boxes.middle - camera.position_ahead, boxes.half
     inside = np.zeros(len(half))
@@ -173,16 +172,15 @@ def share_in_picture(boxes: Boxes, camera: Camera, margin: float = MARGIN) -> F6
     return np.asarray(inside / 64)
 
 
-def meets_picture(boxes: Boxes, camera: Camera, margin: float = MARGIN) -> NDArray[np.bool_]:
+def meets_picture(boxes: Boxes, camera: Camera) -> NDArray[np.bool_]:
     """(T,) bool: False only for boxes that are wholly beyond one of the four sides of the picture, or behind the eye.
 
     Args:
         boxes: of T tiles.
         camera: to look with, from where it will be.
-        margin: how much wider than the picture counts.
     """
     forward, right, up = (np.array(axis) for axis in camera_axes(camera))
-    tall = margin * tangent(camera.fov_y / 2)
+    tall = MARGIN * tangent(camera.fov_y / 2)
     wide = tall * (camera.width / camera.height)
     inwards = [forward, wide * forward + right, wide * forward - right, tall * forward + up, tall * forward - up]
     away, half = boxes.middle - camera.position_ahead, boxes.half

@@ -117,10 +117,10 @@ def test_a_box_is_in_it_by_its_part() -> None:
     """Half behind the eye is half; a box that is twice as high as the picture is half in it."""
     half = Boxes(np.array([[-1e-3, -1e-3, -1.0]]), np.array([[1e-3, 1e-3, 1.0]]))
     assert share_in_picture(half, CAMERA).tolist() == [0.5]
-    high = math.tan(math.radians(30)) * 100
+    high = MARGIN * math.tan(math.radians(30)) * 100
     for factor, part in ((1.3, 1.0), (2.0, 0.5)):
         box = Boxes(np.array([[-1, -factor * high, 100.0]]), np.array([[1, factor * high, 100.0]]))
-        assert share_in_picture(box, CAMERA, 1.0).tolist() == [part]
+        assert share_in_picture(box, CAMERA).tolist() == [part]
 
 
 def test_a_moving_camera_is_looked_from_where_it_will_be() -> None:

@@ -574,17 +574,16 @@ class Mutant:
     sealed: bool
 
 
-def mutate(data: bytes, seed: int, others: Sequence[bytes] = (), operator: str | None = None) -> Mutant:
+def mutate(data: bytes, seed: int, others: Sequence[bytes] = ()) -> Mutant:
     """A damaged copy of a sound file; equal arguments give equal bytes.
 
     Args:
         data: a sound file.
         seed: chooses operators and what they do.
         others: files that blocks or bytes may be taken from.
-        operator: apply only this one, once.
     """
     dice = Dice(seed)
-    names = [operator] if operator else [dice.choice(list(OPERATORS)) for _ in range(dice.choice((1, 1, 1, 1, 2, 3)))]
+    names = [dice.choice(list(OPERATORS)) for _ in range(dice.choice((1, 1, 1, 1, 2, 3)))]
     return apply(data, dice, sorted(names, key=ON_BYTES.__contains__), dice.random() < SEAL_CHANCE, others)
 
 

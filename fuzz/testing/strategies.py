@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 
 from hypothesis import strategies as st
 
@@ -43,20 +43,6 @@ def scenes(max_anchors: int = 60, max_layers: int = 4) -> st.SearchStrategy[Quan
     return quantised_scenes(max_anchors, max_layers) | neural_scenes(max_anchors, max_layers)
 
 
-def files(max_anchors: int = 60, max_layers: int = 4) -> st.SearchStrategy[bytes]:
-    """Sound files of such scenes."""
-    return scenes(max_anchors, max_layers).map(write_scene)
-
-
-def mutants(
-    corpus: Sequence[bytes] | None = None, operator: str | None = None, max_anchors: int = 20
-) -> st.SearchStrategy[Mutant]:
-    """Damaged files.
-
-    Args:
-        corpus: sound files to damage; None for files of random scenes.
-        operator: the one operator to apply; None for any.
-        max_anchors: of the random scenes.
-    """
-    base = files(max_anchors, 3) if corpus is None else st.sampled_from(list(corpus))
-    return st.builds(mutate, base, _SEEDS, others=st.just(list(corpus or ())), operator=st.just(operator))
+def mutants() -> st.SearchStrategy[Mutant]:
+    """Damaged files of random scenes."""
+    return st.builds(mutate, scenes(20, 3).map(write_scene), _SEEDS)

@@ -94,10 +94,6 @@ class ByteReader:
         self.position += length
         return self._data[self.position - length : self.position]
 
-    def skip(self) -> None:
-        """Take all that is left."""
-        self.position = len(self._data)
-
     def rest(self, most: int) -> bytes:
         """The bytes not yet taken, at most `most` of them, without taking them."""
         return self._data[self.position : self.position + most]

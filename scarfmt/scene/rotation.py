@@ -95,20 +95,12 @@ def normal_and_twist(axes: F64) -> tuple[F64, F64]:
     return square, (angle + np.pi / 2) % np.pi - np.pi / 2
 
 
-def axes_from(square: F64, twist: F64) -> F64:
-    """(N, 3, 3) float64 right-handed matrices of normal square coordinates and twist (SPEC §9.3)."""
-    normal = _normal_from_square(square)
-    first, second = _reference_frame(normal)
-    longest = np.cos(twist)[:, None] * first + np.sin(twist)[:, None] * second
-    return np.stack([longest, np.cross(normal, longest), normal], axis=2)
-
-
 def quaternion_from(square: F64, twist: F64) -> F64:
     """(N, 4) unit quaternions w, x, y, z, w >= 0, of normal square coordinates and twist (SPEC §9.3).
 
-    Computed in the type of the arguments, float32 or float64. The same rotation as :func:`axes_from`, as a product:
-    first by `twist` about z, then by the shortest way from z to the normal n, which is (1 + n_z, -n_y, n_x, 0)
-    normalised. n_z stays above -0.82 for any square coordinates, so nothing vanishes.
+    Computed in the type of the arguments, float32 or float64, as a product: first by `twist` about z, then by the
+    shortest way from z to the normal n, which is (1 + n_z, -n_y, n_x, 0) normalised. n_z stays above -0.82 for any
+    square coordinates, so nothing vanishes.
     """
     x, y, z = _normal_from_square(square).T
     half = twist / 2

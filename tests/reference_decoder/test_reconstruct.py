@@ -5,7 +5,6 @@ from __future__ import annotations
 from fractions import Fraction
 
 import numpy as np
-import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -19,7 +18,6 @@ from scarfmt.container.directory import Tile, tile_table
 from scarfmt.container.morton import interleave
 from scarfmt.scene.gaussians import GaussianScene
 from scarfmt.scene.model import Lattice
-from scarfmt.scene.rotation import axes_from, matrix_from_quaternion, quaternion_from
 
 TOLERANCE = 1e-5
 
@@ -89,14 +87,3 @@ def test_scene_has_the_degree_of_the_file_also_before_any_latent() -> None:
             scene = decode(data, layers=layers).scene
             assert isinstance(scene, GaussianScene)
             assert scene.sh_degree == degree
-
-
-@pytest.mark.parametrize("dtype", [np.float32, np.float64])
-def test_quaternions_are_the_rotation_of_the_axes(dtype: type) -> None:
-    rng = np.random.default_rng(1)
-    square, twist = rng.uniform(-1.3, 1.3, (2000, 2)), rng.uniform(-5, 5, 2000)
-    square[:4] = [[0, 0], [1, 1], [-1, 1], [1, 0]]
-    q = quaternion_from(square.astype(dtype), twist.astype(dtype))
-    assert q.dtype == dtype
-    assert (q[:, 0] >= 0).all()
-    np.testing.assert_allclose(matrix_from_quaternion(q), axes_from(square, twist), atol=4 * np.finfo(dtype).eps)

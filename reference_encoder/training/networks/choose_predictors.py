@@ -121,23 +121,22 @@ Gain = tuple[float, Predictor]
 
 
 def choose_predictors(
-    model: SceneModel, contents: Sequence[TileContent], bits: Sequence[int], seed: int = 0, stop: Stop = never
+    model: SceneModel, contents: Sequence[TileContent], bits: Sequence[int], stop: Stop = never
 ) -> dict[int, tuple[Predictor, ...]]:
     """Predictors that pay, by the layer that sends them, keys ascending. Deterministic.
 
     Args:
         model: of the scene; its context says what predictors look at.
         contents, bits: its tiles, at the last layer, and their local bits per axis.
-        seed: of samples and starts.
         stop: asked before each whether to leave out those that are left, which would save least.
     """
     model, contents = _predicted_only(model, contents)
     whole = _totals(model, contents)
     promising = {key for key, total in whole.items() if total >= PREDICTOR_LEAST_SYMBOLS}
-    seeds = {key: seed + number for number, key in enumerate(sorted(whole))}
+    seeds = {key: number for number, key in enumerate(sorted(whole))}
     if not promising:
         return {}
-    frames, contents = _some_tiles([TileFrame(b) for b in bits], contents, seed)
+    frames, contents = _some_tiles([TileFrame(b) for b in bits], contents)
     static = _static_bits(model, frames, contents, whole)
 
     def best(item: tuple[Key, Sample]) -> Gain | None:
@@ -301,10 +300,10 @@ def _totals(model: SceneModel, contents: Sequence[TileContent]) -> dict[Key, int
 
 
 def _some_tiles(
-    frames: Sequence[TileFrame], contents: Sequence[TileContent], seed: int
+    frames: Sequence[TileFrame], contents: Sequence[TileContent]
 ) -> tuple[list[TileFrame], list[TileContent]]:
     """Tiles drawn at random until they have `PREDICTOR_ANCHORS`."""
-    order = np.random.default_rng(seed).permutation(len(contents))
+    order = np.random.default_rng(0).permutation(len(contents))
     before = np.cumsum([0, *(len(contents[tile]) for tile in order)])[:-1]
     chosen = sorted(int(tile) for tile in order[before < PREDICTOR_ANCHORS])
     return [frames[tile] for tile in chosen], [contents[tile] for tile in chosen]
