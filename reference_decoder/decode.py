@@ -246,11 +246,10 @@ class Decoding:
         else:
             model = self.models.model
             channels, stages = [(channel.stream, channel.components) for channel in model.channels], model.max_stages
-        fields, load = self.reader.header.fields, self._load_models
-        return empty_anchors(fields, self.layers, load, channels, stages, count, self.attributes, self.streams)
-
-    def _load_models(self) -> SceneModels:
-        return self.models
+        fields, attributes = self.reader.header.fields, self.attributes
+        return empty_anchors(
+            fields, self.layers, lambda: self.models, channels, stages, count, attributes, self.streams
+        )
 
     def gaussians(self, count: int) -> GaussianScene:
         """Room for Gaussians of the explicit profile.

@@ -161,12 +161,13 @@ def _harmonics(scene: QuantisedScene, arrays: Arrays) -> Activated:
 
 def _anchor(scene: QuantisedScene, arrays: Arrays, camera: F64) -> dict[str, Activated]:
     assert scene.decoder is not None
-    latent, scale = arrays["latent"].astype(np.float64), _value(arrays, "SCALE", 6)[:, None, :]
+    slots, latent = scene.model.slots, arrays["latent"].astype(np.float64)
+    scale = _value(arrays, "SCALE", 6)[:, None, :]
     feature, feature_m = network(scene.decoder, latent, np.abs(latent))
     seen = view(arrays["position"] - camera)[:, : scene.scene_mlps[0].inputs - feature.shape[1]]
     inputs, inputs_m = (np.concatenate([part, seen], axis=1) for part in (feature, feature_m))
     (o, o_m), (q, q_m), (c, c_m) = (
-        [_by_slot(part, scene.model.slots) for part in network(net, inputs, np.abs(inputs_m))]
+        [part.reshape(len(part), slots, part.shape[1] // slots) for part in network(net, inputs, np.abs(inputs_m))]
         for net in scene.scene_mlps
     )
     reach = arrays["value.OFFSETS"].astype(np.float64) * np.exp(scale[:, :, :3])
@@ -193,10 +194,6 @@ def _scaled(vectors: F64) -> tuple[F64, F64, NDArray[np.int32]]:
     exponents = np.frexp(np.abs(vectors).max(axis=-1, keepdims=True, initial=0))[1]
     scaled = np.ldexp(vectors, -exponents)
     return scaled, np.sqrt((scaled * scaled).sum(axis=-1, keepdims=True)), exponents
-
-
-def _by_slot(outputs: F64, slots: int) -> F64:
-    return outputs.reshape(len(outputs), slots, outputs.shape[1] // slots)
 
 
 def sigmoid(x: F64) -> F64:

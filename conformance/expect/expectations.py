@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Sequence
 from typing import Any
 
@@ -56,11 +55,6 @@ def decoded_arrays(answers: Answers) -> Arrays:
     """The integers of a file, and the sums and values that follow from them, as the readable decoder has them."""
     found = {**answers.integers(), **answers.sums(), **answers.values()}
     return {name: np.array(array.values, array.dtype).reshape(array.shape) for name, array in found.items()}
-
-
-def expected_metadata(scene: QuantisedScene) -> Any:
-    """The object of the METADATA block; None without one."""
-    return json.loads(json.dumps(dict(scene.metadata))) if scene.metadata else None
 
 
 def expected_streaming(told: Streaming) -> dict[str, Any]:

@@ -68,7 +68,7 @@ def _shape(decoder: Decoder, anchors: int) -> Iterator[str]:
 
 
 def _channels(decoder: Decoder) -> Iterator[str]:
-    names = {channel.stream: _word(NAMES[channel.stream]) for channel in decoder.channels}
+    names = {channel.stream: NAMES[channel.stream].lower().replace("_", "-") for channel in decoder.channels}
     yield from names.values()
     last = [steps for _, steps in decoder.rows[-1].classes]
     if any(n > 1 for steps in last for n in steps):
@@ -76,10 +76,6 @@ def _channels(decoder: Decoder) -> Iterator[str]:
     missing = any(n == 0 for row in decoder.rows for _, steps in row.classes for n in steps)
     if missing or (not decoder.profile and not {6, 7} <= set(names)):
         yield "not-received"
-
-
-def _word(name: str) -> str:
-    return name.lower().replace("_", "-")
 
 
 def _models(decoder: Decoder) -> Iterator[str]:

@@ -6,6 +6,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, BinaryIO, TypeVar
 
+import numpy as np
+
 from reference_encoder.importance.view_sampling import ViewSet
 from reference_encoder.judge.quality import Quality
 from reference_encoder.options import DEFAULT_RANGE, EncodeOptions
@@ -30,7 +32,7 @@ from reference_encoder.out_of_core.scan import (
 )
 from reference_encoder.out_of_core.source import CHUNK_ROWS, Chunk, Inputs, find_inputs
 from reference_encoder.out_of_core.types import Bounds, Range
-from reference_encoder.out_of_core.work_dir import WorkDir, file_name, plan_of
+from reference_encoder.out_of_core.work_dir import WorkDir, describe, file_name
 from reference_encoder.out_of_core.workers import Workers
 from reference_encoder.rdo.lattice import default_tile_size
 from scarfmt.arrays import F64, I64, U64
@@ -124,7 +126,8 @@ def encode_job(
     inputs = find_inputs(job.origin, job.chunk_rows, job.format_id)
     settings = {"range": job.range_size, "chunk": job.chunk_rows, "sh": job.sh_degree, "drop": job.drop_invalid}
     settings["model"] = job.render_model
-    plan = plan_of(version=job.version, options=job.options, source=inputs.versions, settings=settings)
+    parts = {"version": job.version, "options": job.options, "source": inputs.versions, "settings": settings}
+    plan = {"numpy": np.__version__, **describe(parts)}
     with job.work.lock():
         job.work.begin(plan, job.resume)
         job.work.remove_unfinished()

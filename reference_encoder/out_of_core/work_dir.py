@@ -287,7 +287,7 @@ class WorkDir:
         """Take the directory for a plan.
 
         Args:
-            plan: of :func:`plan_of`.
+            plan: all that the result depends on, by name, as :func:`describe` gives it.
             resume: whether to go on with finished work of the same plan.
 
         Raises:
@@ -332,8 +332,3 @@ def describe(value: Any) -> Any:
     if value is None or isinstance(value, bool | int | str):
         return value
     return repr(float(value))
-
-
-def plan_of(**parts: Any) -> dict[str, Any]:
-    """A plan: options, source, sizes and version of this package, by name."""
-    return {"numpy": np.__version__, **{name: describe(value) for name, value in parts.items()}}

@@ -156,7 +156,7 @@ class Run:
         self.bytes: int | None = None
         self.displacement: float | None = None
         self.loss = float("nan")
-        self._saved = time.monotonic()
+        self.saved = time.monotonic()
         self.budget.begin()
 
     def state(self) -> dict[str, Any]:
@@ -240,14 +240,10 @@ class Run:
         iteration = self.trainer.iteration
         return self.budget.done(iteration) >= _SETTLED and iteration >= _LEAST_SEEN * len(self.trainer.views)
 
-    def save_due(self) -> bool:
-        """Whether it is time for a checkpoint."""
-        return time.monotonic() - self._saved > _SAVE_SECONDS
-
     def save(self, folder: Path, whose: str) -> None:
         """Write a checkpoint."""
         save_checkpoint(folder, self.trainer.iteration, self.state(), whose)
-        self._saved = time.monotonic()
+        self.saved = time.monotonic()
 
     def result(self, keep: Callable[[bytes], None] = nowhere) -> Trained:
         """The best file of what was learnt so far.
@@ -350,7 +346,7 @@ def _train_in(folder: Path, run: Run, whose: str, stop: Stop, leave: Stop) -> Tr
             if run.check_due():
                 figures = run.check()
                 log.note(run.progress(), **figures)
-            if run.save_due():
+            if time.monotonic() - run.saved > _SAVE_SECONDS:
                 run.save(folder, whose)
             if leave():
                 run.save(folder, whose)

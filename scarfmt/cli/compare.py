@@ -221,7 +221,7 @@ def _compare_layers(
 
 
 def _pair_report(a: str, b: str, results: dict[str, Quality]) -> Report:
-    document = {"a": a, "b": b, "results": {name: _as_json(result) for name, result in results.items()}}
+    document = {"a": a, "b": b, "results": {name: {**asdict(it.views), **it.summary()} for name, it in results.items()}}
     lines = []
     for name, result in results.items():
         lines.append(f"{b} against {a}" if len(results) == 1 else f"{a if name == 'a' else b} against the photos")
@@ -254,10 +254,6 @@ def _row(name: str, width: int, decibels: float, similarity: float | None) -> st
 
 def _decibels(value: float) -> str:
     return f"{value:7.2f} dB" if value < math.inf else f"{'equal':>10}"
-
-
-def _as_json(result: Quality) -> dict[str, Any]:
-    return {**asdict(result.views), **result.summary()}
 
 
 def _layers_report(a: str, b: str, rows: list[dict[str, Any]]) -> Report:

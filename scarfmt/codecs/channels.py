@@ -206,24 +206,14 @@ def _reach_of(values: Ints) -> int:
 
 def _in_range(values: I64, channel: Channel) -> I64:
     if _reach_of(values) > VALUE_LIMIT:
-        raise value_range(channel)
+        raise Malformed("value-range", "a channel value leaves 32 bits (SPEC §7.5)", field=channel.stream.name)
     return values
-
-
-def value_range(channel: Channel) -> Malformed:
-    """The refusal of a value that leaves 32 bits."""
-    return Malformed("value-range", "a channel value leaves 32 bits (SPEC §7.5)", field=channel.stream.name)
 
 
 def _checked(trits: Ints) -> Ints:
     if _reach_of(trits) > 1:
-        raise bad_trit()
+        raise Malformed("bad-trit", "a refinement is not -1, 0 or 1 (SPEC §7.5)", field="trit")
     return trits
-
-
-def bad_trit() -> Malformed:
-    """The refusal of a refinement by more than one trit."""
-    return Malformed("bad-trit", "a refinement is not -1, 0 or 1 (SPEC §7.5)", field="trit")
 
 
 @lru_cache(maxsize=256)

@@ -221,24 +221,12 @@ def _few_splits(reader: SymbolReader, counts: list[int]) -> list[int]:
         for node, below in zip(nodes, reader.read(_key(n), len(nodes)).tolist(), strict=True):
             lower[node] = below
     if any(not 0 <= below <= n for below, n in zip(lower, counts, strict=True)):
-        raise too_many_below()
+        raise _bad_split("a split puts more anchors below than the node holds")
     return lower
 
 
-def too_many_below() -> Malformed:
-    """The refusal of a lower half that holds more than the node."""
-    message = "a split puts more anchors below than the node holds (SPEC §7.2)"
-    return Malformed("bad-split", message, field="positions")
-
-
-def bad_bin() -> Malformed:
-    """The refusal of a bin that is none."""
-    return Malformed("bad-split", "a split bin is not in 0..15 (SPEC §7.2)", field="positions")
-
-
-def bad_rest() -> Malformed:
-    """The refusal of a uniform value beyond its range."""
-    return Malformed("bad-split", "a uniform remainder is out of range (SPEC §7.2)", field="positions")
+def _bad_split(what: str) -> Malformed:
+    return Malformed("bad-split", f"{what} (SPEC §7.2)", field="positions")
 
 
 def _get_splits(reader: SymbolReader, count: I64) -> I64:
@@ -249,14 +237,14 @@ def _get_splits(reader: SymbolReader, count: I64) -> I64:
     if len(large):
         lower[large] = _get_large_splits(reader, count[large])
     if bool(((lower < 0) | (lower > count)).any()):
-        raise too_many_below()
+        raise _bad_split("a split puts more anchors below than the node holds")
     return lower
 
 
 def _get_large_splits(reader: SymbolReader, count: I64) -> I64:
     bins = reader.read(_key(LARGEST_OWN_TABLE + 1), len(count))
     if int(bins.min()) < 0 or int(bins.max()) >= _BINS:
-        raise bad_bin()
+        raise _bad_split("a split bin is not in 0..15")
     first = _bin_edges(count, bins)
     widths = _bin_edges(count, bins + 1) - first
     rest = np.zeros(len(count), np.int64)
@@ -272,7 +260,7 @@ def _get_uniform(reader: SymbolReader, size: int, count: int) -> I64:
     high = reader.read_uniform(((size - 1) >> _BIT_CHUNK) + 1, count)
     value = (high << _BIT_CHUNK) | reader.read_uniform(1 << _BIT_CHUNK, count)
     if bool((value >= size).any()):
-        raise bad_rest()
+        raise _bad_split("a uniform remainder is out of range")
     return value
 
 

@@ -31,7 +31,9 @@ def check_networks(
     if decoder is None:
         return
     if fields.profile == Profile.EXPLICIT:
-        _check_outputs(decoder, 3 * network_coefficients(fields.sh_degree, model), "decoder")
+        # Coefficients of each colour: all, or all but the first.
+        coefficients = (fields.sh_degree + 1) ** 2 - (model.channel_index(Stream.COLOUR) is not None)
+        _check_outputs(decoder, 3 * coefficients, "decoder")
         return
     if len(scene_mlps) != len(OUTPUTS_PER_SLOT):
         raise _bad(f"the anchor profile needs 3 networks, the file has {len(scene_mlps)}", "scene_mlps")
@@ -59,11 +61,6 @@ def check_index_network(model: SceneModel, books: Codebooks, network: IndexNetwo
         found = (inputs.attributes, inputs.depths, inputs.grid)
         message = f"inputs for {found} attributes, depths and grid features, the file has {wanted} (SPEC §10.5)"
         raise Malformed("bad-network", message, field="network")
-
-
-def network_coefficients(sh_degree: int, model: SceneModel) -> int:
-    """Spherical-harmonic coefficients a colour that the latent decoder gives: all, or all but the first."""
-    return int((sh_degree + 1) ** 2) - (model.channel_index(Stream.COLOUR) is not None)
 
 
 def _check_outputs(network: QuantisedMlp, outputs: int, field: str) -> None:

@@ -9,7 +9,6 @@ from __future__ import annotations
 from collections.abc import Callable, Collection, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
-from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,7 +29,7 @@ from scarfmt.neural.layer_context import LayerContext
 from scarfmt.neural.predicted import PredictedChannel, Predictors
 from scarfmt.observe import LayerObserver
 from scarfmt.scene.model import SceneModel
-from scarfmt.scene.streams import STREAMS
+from scarfmt.scene.streams import OF_NEW_ANCHORS, STREAMS
 
 OpenStream = Callable[[Stream], SymbolReader]
 
@@ -46,11 +45,6 @@ class NeuralModels:
 
     predictors: Predictors = field(default_factory=dict)
     indices: Evaluator | None = None
-
-    @cached_property
-    def predicted_streams(self) -> frozenset[Stream]:
-        """The streams that have predictors."""
-        return frozenset(Stream(stream) for stream, _, _ in self.predictors)
 
     def coder(self, model: SceneModel, layer: int) -> Evaluator | None:
         """The coder of the indices of a layer; None for static tables."""
@@ -195,7 +189,7 @@ def _predicted(
 def needed_streams(model: SceneModel, wanted: Collection[Stream], neural: NeuralModels = STATIC) -> frozenset[Stream]:
     """The channels that must be decoded for the streams wanted: those themselves, and contexts of those that are."""
     need = [channel.stream in wanted for channel in model.channels]
-    predicted = neural.predicted_streams
+    predicted = {stream for stream, _, _ in neural.predictors}
     if neural.indices is not None and Stream.INDICES in wanted:
         for index in model.attributes:
             need[index] = True
@@ -211,7 +205,7 @@ def coded_streams(model: SceneModel, new: int) -> set[Stream]:
     others = (
         spec.stream
         for spec in STREAMS.values()
-        if not spec.is_channel and model.profile in spec.profiles and (new or not spec.codec.of_new_anchors)
+        if not spec.is_channel and model.profile in spec.profiles and (new or spec.codec not in OF_NEW_ANCHORS)
     )
     return {*others, *(channel.stream for channel in model.channels)}
 

@@ -140,15 +140,11 @@ def field_table(structure: Any) -> list[Field]:
     return rows
 
 
-def field_tables() -> dict[str, list[Field]]:
-    """Field tables of all structures, by structure name."""
-    return {name: field_table(structure) for name, structure in STRUCTURES.items()}
-
-
 def markdown_table(name: str) -> str:
     """The field table of structure `name` as SPEC.md prints it."""
     lines = ["| offset | size | type | field | meaning and range |", "|---:|---:|---|---|---|"]
-    lines += [f"| {f.offset} | {f.size} | {f.type} | `{f.name}` | {f.description} |" for f in field_tables()[name]]
+    fields = field_table(STRUCTURES[name])
+    lines += [f"| {f.offset} | {f.size} | {f.type} | `{f.name}` | {f.description} |" for f in fields]
     return "\n".join(lines) + "\n"
 
 

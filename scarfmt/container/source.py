@@ -120,6 +120,7 @@ class FileSource(ByteSource):
     """A local file. Only asked-for ranges are read; safe to use from several threads.
 
     Attributes:
+        file: the open file.
         regular: whether it can be read by ranges. A pipe or a device cannot, and declares no size.
 
     Raises:
@@ -129,39 +130,30 @@ class FileSource(ByteSource):
     def __init__(self, path: str | os.PathLike[str]) -> None:
         try:
             # Unbuffered: the buffer would read 8 KiB for a 16-byte range and make the counters wrong.
-            self._file = Path(path).open("rb", buffering=0)  # noqa: SIM115
+            self.file = Path(path).open("rb", buffering=0)  # noqa: SIM115
         except OSError as error:
             raise file_error("input-source", f"cannot open {path}: {error.strerror}", error) from error
         self._lock = threading.Lock()
-        status = os.fstat(self._file.fileno())
+        status = os.fstat(self.file.fileno())
         self.regular = stat.S_ISREG(status.st_mode)
-        note_read(self._file.fileno())
+        note_read(self.file.fileno())
         super().__init__(status.st_size)
-
-    def drained(self) -> BytesSource:
-        """All bytes of a pipe or a device; closes it.
-
-        Raises:
-            LimitExceeded: ``input-limit`` beyond `MAX_STREAM_BYTES`.
-        """
-        with self._file as file:
-            return BytesSource(read_bounded(file, file.name))
 
     def _fetch(self, offset: int, length: int) -> bytes:
         parts: list[bytes] = []
         with self._lock:
-            self._file.seek(offset)
+            self.file.seek(offset)
             while length:
-                part = self._file.read(length)
+                part = self.file.read(length)
                 if not part:
-                    raise short_source(offset, length, self._file.tell())
+                    raise short_source(offset, length, self.file.tell())
                 parts.append(part)
                 length -= len(part)
         return b"".join(parts)
 
     def close(self) -> None:
         """Close the file."""
-        self._file.close()
+        self.file.close()
 
 
 class KeptSource(ByteSource):
@@ -505,7 +497,10 @@ def open_source(origin: Origin, *, timeout: float = TIMEOUT_SECONDS, head_bytes:
         return UrlSource(origin, timeout=timeout, head_bytes=head_bytes)
     if isinstance(origin, str | os.PathLike):
         source = FileSource(origin)
-        return source if source.regular else source.drained()
+        if source.regular:
+            return source
+        with source.file as file:
+            return BytesSource(read_bounded(file, file.name))
     return origin
 
 

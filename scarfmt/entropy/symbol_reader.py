@@ -13,7 +13,8 @@ from scarfmt.arrays import F64, I32, I64, Ints
 from scarfmt.entropy.grouping import by_context
 from scarfmt.entropy.keys import StepKey, TableKey
 from scarfmt.entropy.rans import RansDecoder, cached_uniform
-from scarfmt.entropy.symbol_tables import SymbolTable, missing_table
+from scarfmt.entropy.symbol_tables import SymbolTable
+from scarfmt.errors import Malformed
 
 
 class SymbolReader:
@@ -38,7 +39,7 @@ class SymbolReader:
             return np.zeros(0, np.int64)
         entry = self._tables.get(key)
         if entry is None:
-            raise missing_table(key)
+            raise Malformed("missing-table", f"no static table for {key} (SPEC §8.3)", field="tables")
         if len(entry.alphabet) == 1:
             return np.repeat(entry.alphabet, count)
         return entry.alphabet.take(self._rans.decode(entry.table, count))

@@ -9,15 +9,12 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from scarfmt.arrays import I64, Ints
 from scarfmt.entropy.keys import TableKey
 from scarfmt.entropy.rans import FrequencyTable
-from scarfmt.errors import Malformed
 from scarfmt.native.binding import SideBySide
 
 
@@ -58,21 +55,13 @@ class StaticTables(dict[TableKey, SymbolTable]):
         return tables if isinstance(tables, StaticTables) else cls(tables)
 
     @cached_property
-    def _arrays(self) -> tuple[NDArray[Any], ...]:
+    def side_by_side(self) -> SideBySide:
+        """The tables as the C library takes them; valid as long as this is."""
         keys = sorted(self)
         none = np.zeros(0, np.int64)
         values = np.concatenate([none, *(self[key].alphabet for key in keys)])
         sums = np.concatenate([none, *(self[key].table.cumulative for key in keys)])
         starts = np.cumsum([0, *(len(self[key].alphabet) for key in keys)])
         numbers = np.array([key.number for key in keys], np.int32)
-        return numbers, values.astype(np.int32), starts, sums.astype(np.uint32)
-
-    @cached_property
-    def side_by_side(self) -> SideBySide:
-        """The tables as the C library takes them; valid as long as this is."""
+        self._arrays = numbers, values.astype(np.int32), starts, sums.astype(np.uint32)
         return SideBySide(len(self), *(array.ctypes.data for array in self._arrays))
-
-
-def missing_table(key: TableKey) -> Malformed:
-    """The refusal of a symbol whose table was not sent."""
-    return Malformed("missing-table", f"no static table for {key} (SPEC §8.3)", field="tables")

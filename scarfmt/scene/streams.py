@@ -28,10 +28,9 @@ class Codec(Enum):
     INDICES = auto()
     """:mod:`scarfmt.codecs.indices`, or the index network's :mod:`scarfmt.codecs.neural_indices` (SPEC §7.6, §10.5)."""
 
-    @property
-    def of_new_anchors(self) -> bool:
-        """Whether a layer in which no anchor appears has nothing for it (SPEC §7.1)."""
-        return self in (Codec.POSITIONS, Codec.CLASSES)
+
+OF_NEW_ANCHORS = (Codec.POSITIONS, Codec.CLASSES)
+"""For these a layer in which no anchor appears has nothing (SPEC §7.1)."""
 
 
 @dataclass(frozen=True)

@@ -77,15 +77,11 @@ def streaming(told: Streaming | None) -> dict[str, Any] | None:
     view = told.view
     numbers = np.zeros(0) if view is None else np.array([*view.position, *view.target, *view.up, view.fov])
     return {
-        "view": _single_bits(numbers) or None,
+        "view": [f"{bits:08x}" for bits in numbers.astype(np.float32).view(np.uint32).tolist()] or None,
         "low": told.low.tolist(),
         "high": told.high.tolist(),
         "reach": told.reach.tolist(),
     }
-
-
-def _single_bits(numbers: NDArray[np.floating]) -> list[str]:
-    return [f"{bits:08x}" for bits in numbers.astype(np.float32).view(np.uint32).tolist()]
 
 
 def decoding(reader: SceneReader, models: SceneModels) -> Decoding:
