@@ -18,8 +18,8 @@ import numpy as np
 
 from benchmarks import child
 from benchmarks.rivals_tools import PYTHON, Command, splat_transform
-from scarfmt.formats import load, spz
-from scarfmt.formats.source import Source
+from scarfmt.formats import load
+from scarfmt.formats.frame import RUB_TO_RDF, flip_axes
 from scarfmt.scene.gaussians import GaussianScene
 
 # SPZ: the farthest a coordinate can lie, and the largest log scale.
@@ -110,9 +110,10 @@ def read(path: Path, scale: float = 1.0) -> GaussianScene:
         path: the file.
         scale: what the scene was enlarged by before it was written.
     """
-    # The writer of SPZ leaves the axes as they are.
-    scene = spz.load(Source(path), frame="RUB") if path.suffix == ".spz" else load(path)
+    scene = load(path)
     assert isinstance(scene, GaussianScene)
+    if path.suffix == ".spz":  # its writer leaves the axes as they are
+        scene = flip_axes(scene, RUB_TO_RDF)
     if scale == 1:
         return scene
     log_scales = (scene.log_scales - np.float32(math.log(scale))).astype(np.float32)

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import json
 import tempfile
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path, PurePosixPath
@@ -26,6 +26,7 @@ from reference_encoder.out_of_core.work_dir import (
     resolve_beside,
 )
 from scarfmt.arrays import F64, I64
+from scarfmt.coding.reader import batches
 from scarfmt.container.source import ByteSource, open_source
 from scarfmt.errors import InvalidInput, Truncated
 from scarfmt.formats import FORMATS, Format, detect, inria_ply, ply, scaffold, sog, streamed_sog
@@ -163,7 +164,9 @@ def find_inputs(origin: str, rows: int = CHUNK_ROWS, format_id: str | None = Non
     """
     files = _files(origin)
     parts = [part for name in files for part in _parts(name, rows, format_id)]
-    chunks = tuple(Chunk(number, group) for number, group in enumerate(_grouped(parts, rows)))
+    # Parts of unknown size are chunks by themselves.
+    groups = batches(parts, lambda part: rows if part.runs is None else sum(count for _, count in part.runs), rows)
+    chunks = tuple(Chunk(number, tuple(group)) for number, group in enumerate(groups))
     source = _source(files[0])
     description = _format(source, format_id).describe(source)
     return Inputs(chunks, {name: content_version(name) for name in _read_files(files, parts)}, description)
@@ -223,21 +226,6 @@ def _parts(name: str, rows: int, format_id: str | None) -> Iterator[Part]:
 def _anchors(name: str) -> InvalidInput:
     message = f"{name}: an anchor model, which is encoded in memory only; leave out --work"
     return InvalidInput("input-not-gaussians", message)
-
-
-def _grouped(parts: Iterable[Part], rows: int) -> Iterator[tuple[Part, ...]]:
-    """Consecutive parts of about `rows` Gaussians together; those of unknown size by themselves."""
-    group: list[Part] = []
-    size = 0
-    for part in parts:
-        count = rows if part.runs is None else sum(length for _, length in part.runs)
-        if group and size + count > rows:
-            yield tuple(group)
-            group, size = [], 0
-        group.append(part)
-        size += count
-    if group:
-        yield tuple(group)
 
 
 @dataclass(frozen=True)

@@ -7,8 +7,9 @@ and attributes asked for need.
 from __future__ import annotations
 
 import zlib
-from collections.abc import Collection, Iterable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from functools import partial
+from typing import TypeVar
 
 import numpy as np
 
@@ -29,6 +30,8 @@ from scarfmt.errors import InvalidInput, Malformed, Truncated, plural
 from scarfmt.limits import DEFAULT_LIMITS, Limits
 from scarfmt.observe import LayerObserver, Observe, ObservedReader
 from scarfmt.scene.model import Lattice, SceneModel
+
+T = TypeVar("T")
 
 ALL_STREAMS = frozenset(Stream) - {Stream.MODELS, Stream.FRAMING}
 PREFETCH_BYTES = COALESCE_BYTES
@@ -155,7 +158,7 @@ class SceneReader:
         if not streams >= ALL_STREAMS:
             yield from ([(entry, None) for entry in entries] for entries in found)
             return
-        for batch in _batches(found):
+        for batch in batches(found, _bytes_of, PREFETCH_BYTES):
             entries = sorted({entry for row in batch for entry in row if entry is not None}, key=lambda e: e.offset)
             # Verified later, tile by tile: damage to one must not keep back those before it.
             payloads = dict(self.container.read_blocks(entries, verify=False))
@@ -211,18 +214,17 @@ class SceneReader:
         self, entry: Entry, payload: bytes | None, model: SceneModel, streams: frozenset[Stream]
     ) -> dict[Stream, bytes]:
         """The bytes of the sub-streams needed: from the whole block where it was read, else by ranges."""
-        if payload is not None:
+        if payload is None:
+            data, wanted = self.read_parts(entry, streams, model), streams | _ALWAYS
+        else:
             check_crc(entry, zlib.crc32(payload))
-            table = placed(entry, lambda: table_of(payload, entry, model))
-            return {
-                kind: _checked(entry, kind, part, payload[part.start : part.start + part.length])
-                for kind, part in table.items()
-            }
-        data = self.read_parts(entry, streams, model)
-        table = placed(entry, lambda: table_of(data[:MAX_TABLE_SIZE], entry, model))
-        wanted = (streams | _ALWAYS) & set(table)
-        parts = {kind: data[table[kind].start : table[kind].start + table[kind].length] for kind in wanted}
-        return {kind: _checked(entry, kind, table[kind], part) for kind, part in parts.items()}
+            data, wanted = payload, ALL_STREAMS
+        table = placed(entry, lambda: table_of(data, entry, model))
+        return {
+            kind: _checked(entry, kind, part, data[part.start : part.start + part.length])
+            for kind, part in table.items()
+            if kind in wanted
+        }
 
     def read_parts(self, entry: Entry, streams: frozenset[Stream], model: SceneModel) -> bytes:
         """A block of which only the table and the sub-streams needed are read, zeros elsewhere.
@@ -240,17 +242,19 @@ class SceneReader:
         return bytes(out)
 
 
-def _batches(rows: Iterable[list[Entry | None]]) -> Iterator[list[list[Entry | None]]]:
-    """Consecutive tiles whose blocks have PREFETCH_BYTES together, or one tile."""
-    batch: list[list[Entry | None]] = []
-    size = 0
-    for row in rows:
-        more = sum(entry.length for entry in row if entry is not None)
-        if batch and size + more > PREFETCH_BYTES:
+def _bytes_of(row: list[Entry | None]) -> int:
+    return sum(entry.length for entry in row if entry is not None)
+
+
+def batches(items: Iterable[T], size_of: Callable[[T], int], most: int) -> Iterator[list[T]]:
+    """Consecutive items whose sizes are at most so much together, or one item."""
+    batch, size = list[T](), 0
+    for item in items:
+        if batch and size + size_of(item) > most:
             yield batch
             batch, size = [], 0
-        batch.append(row)
-        size += more
+        batch.append(item)
+        size += size_of(item)
     if batch:
         yield batch
 

@@ -6,7 +6,7 @@ is a 32-byte plain header, extension records, a table of (compressed, uncompress
 for each attribute.
 
 SPZ stores RUB axes, unless extension 0xADBE0003 says otherwise. They are turned to RDF, the axes of INRIA's PLY,
-by default, so that every importer gives scenes that one viewer shows upright.
+so that every importer gives scenes that one viewer shows upright.
 
 Spark (sparkjs.dev) adds a tree of levels of detail to version 3: flag 0x80, alphas of half the opacity, and after the
 attributes a u16 number of children and a u32 first child of each node. Its leaves are the scene.
@@ -20,7 +20,7 @@ import struct
 import zlib
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import BinaryIO, Literal
+from typing import BinaryIO
 
 import numpy as np
 import zstandard
@@ -72,12 +72,8 @@ def _head(source: Source) -> bytes:
     return gunzip(io.BytesIO(head), 16)[0] if head[:2] == GZIP else head
 
 
-def load(source: Source, *, frame: Literal["RDF", "RUB"] = "RDF") -> GaussianScene:
-    """Read an SPZ file.
-
-    Args:
-        source: the file.
-        frame: axes of the result; RUB keeps them as stored (but for files that declare other axes).
+def load(source: Source) -> GaussianScene:
+    """Read an SPZ file, in RDF axes.
 
     Raises:
         InvalidInput: damaged.
@@ -102,8 +98,7 @@ def load(source: Source, *, frame: Literal["RDF", "RUB"] = "RDF") -> GaussianSce
     )
     if tree is not None:
         scene = leaves(source, scene, np.frombuffer(tree, "<u2", len(scene)))
-    scene = _to_rub(source, scene, extensions)
-    return flip_axes(scene, RUB_TO_RDF) if frame == "RDF" else scene
+    return flip_axes(_to_rub(source, scene, extensions), RUB_TO_RDF)
 
 
 def leaves(source: Source, scene: GaussianScene, children: NDArray[np.integer]) -> GaussianScene:

@@ -11,8 +11,8 @@ from pathlib import Path
 
 INTERFACE = 10
 """The number of the interface in ``scar.h``."""
-FAILURE = Path(__file__).with_name("native.failed.txt")
-"""Left by a build that failed (setup.py)."""
+Signatures = dict[str, tuple[type | None, list[type]]]
+"""Of functions: type of the result, and of the arguments."""
 
 
 class SceneRows(ctypes.Structure):
@@ -27,7 +27,7 @@ class SideBySide(ctypes.Structure):
     _fields_ = (("count", c_int64), *((name, c_void_p) for name in ("keys", "values", "starts", "sums")))
 
 
-_SIGNATURES: dict[str, tuple[type | None, list[type]]] = {
+_SIGNATURES: Signatures = {
     "scar_interface": (c_int32, []),
     "scar_open": (c_void_p, [*[c_int32] * 4, *[c_double] * 5]),
     "scar_share": (c_void_p, [c_void_p]),
@@ -85,32 +85,42 @@ def load() -> ctypes.CDLL:
     Raises:
         Absent: it was not built, or for another machine or version.
     """
-    spec = importlib.util.find_spec("scarfmt.native.native")
-    if spec is None or spec.origin is None:
-        raise Absent(f"it was not built: {_failure()}")
-    return opened(spec.origin)
+    found = opened(find_library("scarfmt.native", Path(__file__).parent), _SIGNATURES)
+    if found.scar_interface() != INTERFACE:
+        raise Absent(f"it was built from another version: interface {found.scar_interface()}, not {INTERFACE}")
+    return found
 
 
-def _failure() -> str:
-    """Why the build made no library, if it left word of that."""
+def find_library(package: str, folder: Path) -> str:
+    """The file of the compiled library of a package, which is in `folder`.
+
+    Raises:
+        Absent: it was not built.
+    """
+    spec = importlib.util.find_spec(f"{package}.native")
+    if spec is not None and spec.origin is not None:
+        return spec.origin
     try:
-        return FAILURE.read_text().strip()
+        why = (folder / "native.failed.txt").read_text().strip()  # left by a build that failed (setup.py)
     except OSError:
-        return "perhaps there was no C compiler when scarfmt was installed"
+        why = "perhaps there was no C compiler when scarfmt was installed"
+    raise Absent(f"it was not built: {why}")
 
 
-def opened(path: str) -> ctypes.CDLL:
-    """The library in a file, as :func:`load` gives it."""
+def opened(path: str, signatures: Signatures) -> ctypes.CDLL:
+    """The library in a file with these functions declared.
+
+    Raises:
+        Absent: it cannot be loaded, or lacks one of them.
+    """
     try:
         found = ctypes.CDLL(path)
     except OSError as error:
         raise Absent(f"it cannot be loaded, perhaps it was built for another machine: {error}") from error
     try:
-        for name, (result, arguments) in _SIGNATURES.items():
+        for name, (result, arguments) in signatures.items():
             function = getattr(found, name)
             function.restype, function.argtypes = result, arguments
     except AttributeError as error:
         raise Absent("it was built from another version: a function is missing") from error
-    if found.scar_interface() != INTERFACE:
-        raise Absent(f"it was built from another version: interface {found.scar_interface()}, not {INTERFACE}")
     return found

@@ -19,7 +19,7 @@ from scarfmt.blocks.spec import BlockSpec, Reading
 from scarfmt.coding.models import NOTHING_OPENED
 from scarfmt.coding.work import NumberBudget
 from scarfmt.container.directory import block_name, total
-from scarfmt.container.file import Container, Entry, check_crc, read_header
+from scarfmt.container.file import Container, Entry, check_crc
 from scarfmt.container.registries import BlockKind, ColourSpace, CoordinateFrame, Profile, RenderModel, Stream
 from scarfmt.container.schema import (
     FILE_HEADER,
@@ -29,12 +29,13 @@ from scarfmt.container.schema import (
     SUBSTREAM_RECORD,
     field_table,
 )
-from scarfmt.container.source import ByteSource, BytesSource
+from scarfmt.container.source import ByteSource
 from scarfmt.container.substreams import RECORD_SIZE, check_substream, unpack_table
 from scarfmt.errors import ScarError
 from scarfmt.limits import DEFAULT_LIMITS
 from scarfmt.tools.directory_fields import ROOT, ROW_PAGE, TILE_PAGE
 from scarfmt.tools.fields import SHOWN_ITEMS, FieldRows, Row, moved, rest, shown
+from scarfmt.tools.validate import open_damaged
 
 _NAMED: dict[str, type[IntEnum]] = {
     "profile": Profile,
@@ -75,7 +76,7 @@ class Dump:
     def rows(self) -> Iterator[Row]:
         """All rows in file order, without gaps; those of adaptive numbers after that of their bytes."""
         size = self._source.size
-        container = self._container()
+        container = open_damaged(self._source, self.refusals.append, DEFAULT_LIMITS)
         past = size
         if container is None:
             yield from self._wanted(self._front(min(size, FILE_HEADER_SIZE)))
@@ -93,19 +94,6 @@ class Dump:
 
     def _wanted(self, rows: Iterator[Row]) -> Iterator[Row]:
         return rows if self._kinds is None else iter(())
-
-    def _container(self) -> Container | None:
-        """The file, as far as its header can be used."""
-        source = self._source
-        try:
-            read_header(source)
-        except ScarError as error:
-            self.refusals.append(error)
-            if error.refusal == "trailing-bytes" and error.offset is not None:
-                source = BytesSource(source.read(0, error.offset))
-            elif error.refusal != "truncated-file":
-                return None
-        return Container(source, allow_truncated=True)
 
     def _loads(self, container: Container) -> bool:
         try:

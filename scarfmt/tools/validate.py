@@ -124,20 +124,27 @@ def validate(
     return result
 
 
-def _open(source: ByteSource, limits: Limits, result: Validation) -> SceneReader | None:
-    """A reader of the file, or None where header or tables are beyond use; faults go to `result`."""
+def open_damaged(source: ByteSource, tell: Callable[[ScarError], object], limits: Limits) -> Container | None:
+    """The file, as far as its header can be used; `tell` is called with a fault of that."""
     try:
         read_header(source, limits=limits)
     except ScarError as error:
-        result.findings.append(_finding(error))
+        tell(error)
         if error.refusal == "trailing-bytes" and error.offset is not None:
             source = BytesSource(source.read(0, error.offset))
         elif error.refusal != "truncated-file":
             return None
-    container = Container(source, limits=limits, allow_truncated=True)
+    return Container(source, limits=limits, allow_truncated=True)
+
+
+def _open(source: ByteSource, limits: Limits, result: Validation) -> SceneReader | None:
+    """A reader of the file, or None where header or tables are beyond use; faults go to `result`."""
+    container = open_damaged(source, lambda error: result.findings.append(_finding(error)), limits)
+    if container is None:
+        return None
     result.layers_declared, result.layers_available = container.header.layer_count, container.available_layers
     try:
-        reader = SceneReader(source, limits=limits, allow_truncated=True)
+        reader = SceneReader(container.source, limits=limits, allow_truncated=True)
         reader.container.load()
         return reader
     except ScarError as error:

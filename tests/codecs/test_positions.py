@@ -50,11 +50,7 @@ def multisets(draw: st.DrawFn) -> tuple[U64, int]:
 @example((np.full(40, (1 << 63) - 1, np.uint64), 21))
 def test_any_multiset_comes_back(case: tuple[U64, int]) -> None:
     """Empty, alone, all in one cell, spread out, at 0 to 21 bits an axis."""
-    codes, bits = case
-    data, tables = coded(lambda emitter: put_positions(emitter, codes, bits))
-    reader = SymbolReader(data, tables)
-    assert np.array_equal(get_positions(reader, len(codes), bits), codes)
-    reader.finish()
+    round_trip(*case)
 
 
 def clustered(seed: int, count: int, bits: int) -> NDArray[np.int64]:

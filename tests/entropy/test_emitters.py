@@ -69,22 +69,6 @@ def test_counting_and_coding_agree() -> None:
     reader.finish()
 
 
-def test_a_recorder_codes_later_what_a_writer_codes_at_once() -> None:
-    """A recorder gives the bytes of a writer, and the counter is called for every group that needs a table."""
-    rng = np.random.default_rng(6)
-    static, uniform = rng.geometric(0.4, 300), rng.integers(0, 100, 200)
-    counter = SymbolCounter()
-    recorder = SymbolRecorder(counter)
-    recorder.emit(KEY, static)
-    recorder.emit_uniform(100, uniform)
-    recorded = recorder.settled()
-    table = {KEY: fit_table(*counter.histograms()[KEY])}
-    writer = SymbolWriter(table)
-    writer.emit(KEY, static)
-    writer.emit_uniform(100, uniform)
-    assert recorded.code(table) == writer.finish()
-
-
 def test_a_recorder_codes_rows_as_soon_as_it_settles() -> None:
     """Rows come with their frequencies; they have no place beside symbols that wait for tables."""
     weights, symbols = np.full((50, 2), ((1 << 24) - 2) / 2), np.arange(50) % 2

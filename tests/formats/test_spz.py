@@ -16,12 +16,11 @@ import zstandard
 from scarfmt.container.registries import RenderModel
 from scarfmt.errors import InputWarning, InvalidInput, LimitExceeded
 from scarfmt.formats import load
-from scarfmt.formats.frame import flip_axes
+from scarfmt.formats.frame import RUB_TO_RDF, flip_axes
 from scarfmt.formats.output import Described
 from scarfmt.formats.quantise import opacities
 from scarfmt.formats.source import Source
 from scarfmt.formats.spz import describe as describe_spz
-from scarfmt.formats.spz import load as load_spz
 from scarfmt.formats.spz import write_spz
 from scarfmt.scene.gaussians import GaussianScene
 from scarfmt.scene.placement import sh_basis
@@ -30,10 +29,15 @@ from tests.formats.scene_files import read_scene, spz, unit_quaternions
 from tests.samples.codec_samples import refuses
 
 
+def stored_axes(data: bytes) -> GaussianScene:
+    """The scene of a file in the axes of the format."""
+    return flip_axes(read_scene(data), RUB_TO_RDF)
+
+
 @pytest.mark.parametrize("version", [1, 2, 3, 4])
 @pytest.mark.parametrize("degree", [0, 1, 2, 3])
 def test_fields_as_stored(version: int, degree: int) -> None:
-    scene = load_spz(Source(spz(version, 7, degree)), frame="RUB")
+    scene = stored_axes(spz(version, 7, degree))
     row = np.arange(7)
     np.testing.assert_array_equal(scene.positions, np.stack([row, -row, row / 2], 1))
     np.testing.assert_array_equal(scene.log_scales, np.float32([[-10, 0, 5.9375]] * 7))
@@ -48,11 +52,6 @@ def test_fields_as_stored(version: int, degree: int) -> None:
     np.testing.assert_allclose(np.linalg.norm(scene.rotations, axis=1), 1, atol=0.01)
     stored = np.arange(7 * 3 * ((degree + 1) ** 2 - 1)) % 256
     np.testing.assert_array_equal(scene.sh[:, 1:].ravel(), (stored - 128) / np.float32(128))
-
-
-def test_default_frame_is_that_of_inria_files() -> None:
-    stored = load_spz(Source(spz(4)), frame="RUB")
-    np.testing.assert_array_equal(read_scene(spz(4)).positions, stored.positions * [1, -1, -1])
 
 
 @pytest.mark.parametrize("signs", list(itertools.product((1, -1), repeat=3)))
@@ -89,8 +88,8 @@ def test_coordinate_system_extension_is_obeyed(version: int, system: int, signs:
 @pytest.mark.parametrize(("system", "signs"), [(12, (1, 1, 1)), (9, (-1, -1, 1)), (14, (1, -1, -1))])
 def test_systems_of_a_quarter_turn_are_read_as_the_library_writes_them(system: int, signs: tuple[int, ...]) -> None:
     """12 is RFU; from RUB the library (0.2.3) stores (x, -z, y) times these signs."""
-    scene = load_spz(Source(spz(4, 7, 2, extension=struct.pack("<III", 0xADBE0003, 4, system))), frame="RUB")
-    stored = load_spz(Source(spz(4, 7, 2)), frame="RUB")
+    scene = stored_axes(spz(4, 7, 2, extension=struct.pack("<III", 0xADBE0003, 4, system)))
+    stored = stored_axes(spz(4, 7, 2))
     x, y, z = scene.positions.T
     np.testing.assert_allclose(np.stack([x, -z, y], 1) * signs, stored.positions, atol=1e-12)
     turn = np.array([[1, 0, 0], [0, 0, -1], [0, 1, 0]]) * np.array(signs)[:, None]

@@ -101,10 +101,10 @@ def test_files_that_are_no_library_are_not_used(tmp_path: Path) -> None:
     """Neither what cannot be loaded nor a library of other functions."""
     (tmp_path / "native.so").write_bytes(b"text")
     with pytest.raises(Absent, match="cannot be loaded"):
-        opened(str(tmp_path / "native.so"))
+        opened(str(tmp_path / "native.so"), {})
     if COMPILER is not None:
         (tmp_path / "other.c").write_text("int scar_interface(void) { return -1; }\n")
         other = tmp_path / "other.so"
         subprocess.run([COMPILER, "-shared", "-fPIC", "-o", str(other), str(tmp_path / "other.c")], check=True)
         with pytest.raises(Absent, match="another version"):
-            opened(str(other))
+            opened(str(other), {"scar_open": (None, [])})

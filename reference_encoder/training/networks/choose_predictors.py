@@ -7,7 +7,7 @@ save more bits than the network and its tables cost.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -30,6 +30,7 @@ from reference_encoder.tuning import (
 )
 from scarfmt.arrays import F32, F64, I16, I64, Ints
 from scarfmt.blocks.predictors import MAX_PREDICTORS, pack_predictors
+from scarfmt.coding.reader import batches
 from scarfmt.coding.tile import NeuralModels, TileContent, put_layer
 from scarfmt.container.directory import TileFrame
 from scarfmt.container.schema import Profile, Stream
@@ -132,7 +133,7 @@ def choose_predictors(
     """
     model, contents = _predicted_only(model, contents)
     whole = _totals(model, contents)
-    promising = {key for key, total in whole.items() if total >= PREDICTOR_LEAST_SYMBOLS}
+    promising = [key for key, total in whole.items() if total >= PREDICTOR_LEAST_SYMBOLS]
     seeds = {key: number for number, key in enumerate(sorted(whole))}
     if not promising:
         return {}
@@ -144,7 +145,8 @@ def choose_predictors(
         return None if stop() else _best(key, sample, static[key], seeds[key])
 
     gains: list[Gain | None] = []
-    for batch in _batches(model, whole, sorted(promising, key=lambda key: (-static.get(key, 0.0), key))):
+    promising = sorted(promising, key=lambda key: (-static.get(key, 0.0), key))
+    for batch in batches(promising, lambda key: _sample_bytes(model, key, whole[key]), PREDICTOR_SAMPLE_BYTES):
         if stop():
             break
         # Each predictor is trained by itself, so threads change nothing. No name holds samples while others are drawn.
@@ -153,21 +155,10 @@ def choose_predictors(
     return _sent(model, [gain for gain in gains if gain is not None])
 
 
-def _batches(model: SceneModel, whole: Mapping[Key, int], keys: Sequence[Key]) -> Iterator[list[Key]]:
-    """`keys`, cut where their samples would take more than `PREDICTOR_SAMPLE_BYTES`."""
-    batch, taken = list[Key](), 0
-    for stream, component, step in keys:
-        channel = model.channel_index(Stream(stream))
-        assert channel is not None
-        key = stream, component, step
-        size = 2 * min(PREDICTOR_SAMPLE, whole[key]) * input_width(model, channel)
-        if batch and taken + size > PREDICTOR_SAMPLE_BYTES:
-            yield batch
-            batch, taken = [], 0
-        batch.append(key)
-        taken += size
-    if batch:
-        yield batch
+def _sample_bytes(model: SceneModel, key: Key, total: int) -> int:
+    channel = model.channel_index(Stream(key[0]))
+    assert channel is not None
+    return 2 * min(PREDICTOR_SAMPLE, total) * input_width(model, channel)
 
 
 def _sent(model: SceneModel, gains: Sequence[Gain]) -> dict[int, tuple[Predictor, ...]]:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import ctypes
-import importlib.util
 import math
 from ctypes import POINTER, c_double, c_float, c_int32, c_int64, c_void_p, sizeof
 from functools import cache
@@ -11,6 +10,7 @@ from pathlib import Path
 
 from scarfmt.arrays import F64
 from scarfmt.errors import InvalidInput
+from scarfmt.native.binding import Absent, Signatures, find_library, opened
 from scarfmt.render.camera import Camera
 
 INTERFACE = 4
@@ -105,7 +105,7 @@ class Job(ctypes.Structure):
 
 
 _STRUCTS = sizeof(Job) + sizeof(Lens) + sizeof(Outlook) + sizeof(Scene) + 4 * SPLAT
-_SIGNATURES: dict[str, tuple[type | None, list[type]]] = {
+_SIGNATURES: Signatures = {
     "scar_render_interface": (c_int64, []),
     "scar_render_structs": (c_int64, []),
     "scar_render_plainly": (None, [c_int64]),
@@ -128,30 +128,12 @@ def load() -> ctypes.CDLL:
     Raises:
         InvalidInput: ``input-dependency``: it was not built, or for another machine or version.
     """
-    spec = importlib.util.find_spec("scarfmt.render.native.native")
-    if spec is None or spec.origin is None:
-        raise _absent(f"it was not built, {_failure()}")
     try:
-        library = ctypes.CDLL(spec.origin)
-        for name, (result, arguments) in _SIGNATURES.items():
-            function = getattr(library, name)
-            function.restype, function.argtypes = result, arguments
-    except (OSError, AttributeError) as error:
-        raise _absent(f"it was built for another machine or version: {error}") from error
-    built = library.scar_render_interface(), library.scar_render_structs()
-    if built != (INTERFACE, _STRUCTS):
-        raise _absent(f"it was built from another version: {built}, not {(INTERFACE, _STRUCTS)}")
+        library = opened(find_library("scarfmt.render.native", Path(__file__).parent), _SIGNATURES)
+        built = library.scar_render_interface(), library.scar_render_structs()
+        if built != (INTERFACE, _STRUCTS):
+            raise Absent(f"it was built from another version: {built}, not {(INTERFACE, _STRUCTS)}")
+    except Absent as error:
+        message = f"drawing needs the compiled renderer: {error}; install scarfmt anew where GCC or Clang is found"
+        raise InvalidInput("input-dependency", message) from error
     return library
-
-
-def _failure() -> str:
-    """Why the build made no library, if it left word of that (setup.py)."""
-    try:
-        return Path(__file__).with_name("native.failed.txt").read_text().strip()
-    except OSError:
-        return "perhaps there was no C compiler"
-
-
-def _absent(why: str) -> InvalidInput:
-    advice = "install scarfmt anew where GCC or Clang is found"
-    return InvalidInput("input-dependency", f"drawing needs the compiled renderer: {why}; {advice}")
