@@ -107,7 +107,6 @@ def read(path: Path, scale: float = 1.0) -> GaussianScene:
     """A rival's file as the scene it stands for, in the axes of its source.
 
     Args:
-        path: the file.
         scale: what the scene was enlarged by before it was written.
     """
     scene = load(path)

@@ -107,11 +107,6 @@ def write_copies(source: Scene, count: int, path: Path) -> None:
     Each is moved to a place of its own, and but for the first also jittered (positions by about a tenth of a Gaussian's
     size, log-scales and opacities a little) and recoloured (one gain for each colour of the copy, and a little noise).
     Numbers repeat nowhere; where there is more detail, and where less, does.
-
-    Args:
-        source: the real scene.
-        count: Gaussians.
-        path: of the PLY.
     """
     scene, _ = clean(load(source.path), drop_invalid=True)
     assert isinstance(scene, GaussianScene)

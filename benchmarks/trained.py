@@ -164,7 +164,6 @@ def make_record(name: str, kind: str, figures: Figures, layers: int = 1, iterati
     """What is kept of a file.
 
     Args:
-        name: how it was made.
         kind: one of `KINDS`.
         figures: of the file cut there.
         layers: of the file, from the first; 1 for formats without.

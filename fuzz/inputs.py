@@ -73,7 +73,6 @@ def examine(one: Input, must_refuse: bool, compare: bool) -> tuple[str, str | No
     """Take a file through everything that reads files: the refusal of a decode, and what is wrong.
 
     Args:
-        one: it.
         must_refuse: whether it is a finding if validate takes it.
         compare: whether another answer of NumPy alone is one.
     """

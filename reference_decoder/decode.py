@@ -169,8 +169,6 @@ class Decoding:
         counts: (n,) int64 anchors of each of them after the last layer decoded, without regard to a box.
 
     Args:
-        source: the file.
-        request: what to decode.
         counters: what is read and decoded is added to them.
 
     Raises:

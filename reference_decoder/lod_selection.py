@@ -50,7 +50,6 @@ def select_tiles(source: ByteSource, request: DecodeRequest, view: LevelOfDetail
     """The requests that together decode what a view needs, one for each number of layers, ascending.
 
     Args:
-        source: the file.
         request: layers at most, tiles, box, limits.
         view: camera and budget.
 

@@ -52,8 +52,6 @@ def positions(lattice: Lattice, tile: Tile, codes: U64, residuals: F64 | None) -
     """(n, 3) float64 world positions of a tile's anchors (SPEC §9.1).
 
     Args:
-        lattice: origin, voxel and bits.
-        tile: the tile.
         codes: (n,) uint64 local Morton codes.
         residuals: (n, 3) float64 position residuals in cells of 2^shift voxels, None for none; their reach is checked.
     """
@@ -116,7 +114,6 @@ def explicit_scene(
         sh_degree: of the file, 0..3.
         decoder: of latents to the highest coefficients, None for none.
         codewords: parts of the latents beside the LATENT channel.
-        description: of the scene.
         dtype: float32, or float64 for the reference the tolerances are relative to (SPEC §9.5).
     """
     count, coefficients = len(at), (sh_degree + 1) ** 2

@@ -23,7 +23,6 @@ def tile_boxes(lattice: Lattice, tiles: Table) -> tuple[F64, F64]:
     A tile's cube, and half a cell all round for residuals of up to one.
 
     Args:
-        lattice: origin, voxel and bits.
         tiles: (T,) TILE_DTYPE.
     """
     low = corners(lattice.bits, tiles["depth"], tiles["prefix"])
@@ -57,7 +56,6 @@ def pages_meeting(lattice: Lattice, bases: U64, box: Box) -> I64:
     its root: what misses the box is left, what lies within one page names it, and anything else is divided.
 
     Args:
-        lattice: origin, voxel and bits.
         bases: (P,) Morton codes at which pages begin, ascending, as ROOT has them.
         box: in world units.
     """

@@ -34,7 +34,6 @@ def try_page(page: str, place: Path) -> int:
     """The exit status of the commands of a page, which are printed as they run.
 
     Args:
-        page: path in the repository.
         place: an empty folder.
     """
     checkout, programs = place / "checkout", place / "venv" / "bin"

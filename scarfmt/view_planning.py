@@ -112,7 +112,6 @@ def tight_boxes(cubes: F64, streaming: Streaming | None) -> Boxes:
 
     Args:
         cubes: (T, 6) of the tiles.
-        streaming: of as many tiles.
     """
     low, high = cubes[:, :3], cubes[:, 3:]
     if streaming is None:

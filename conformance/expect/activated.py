@@ -45,7 +45,6 @@ def activated(scene: QuantisedScene, arrays: Arrays, camera: tuple[float, ...] |
     """The activated values of a scene, by their names in PROTOCOL.md.
 
     Args:
-        scene: what the file holds.
         arrays: the exact arrays of its last layer.
         camera: centre of the camera, in world units; None in the explicit profile, which needs none.
     """
@@ -73,7 +72,6 @@ def network(net: QuantisedMlp, x: F64, magnitude: F64) -> tuple[F64, F64]:
     """Outputs of a network, and their M of R-9.5-1.
 
     Args:
-        net: it.
         x: (n, inputs).
         magnitude: (n, inputs), |x| or the M of what made it.
 

@@ -46,11 +46,7 @@ _INDEX = "R-7.6-1", "bad-index"
 
 
 def stream_faults(files: Files) -> Iterator[Case]:
-    """Files with a broken TILE block, or symbols that must not be.
-
-    Args:
-        files: valid vectors by name.
-    """
+    """Files with a broken TILE block, or symbols that must not be."""
     data = {name: file for name, (file, _) in files.items()}
     for faults in (
         _table_faults(data["explicit-refined"]),

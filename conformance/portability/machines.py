@@ -111,9 +111,6 @@ class System:
 def make_system(machine: Machine, folder: Path) -> System:
     """Unpack a system, unless that is done already; copy the code of this checkout there, and compile the C library.
 
-    Args:
-        folder: of all systems.
-
     Raises:
         Unavailable: a program is missing.
         subprocess.CalledProcessError: apt, dpkg-deb or the compiler failed.

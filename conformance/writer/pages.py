@@ -163,7 +163,6 @@ def paged(
     """ROOT and pages of a file whose numbers are right.
 
     Args:
-        cubes: tiles, ascending.
         models: by layer, the blocks of no tile in the order of the file.
         blocks: TILE blocks of any layer and tile that there is.
 

@@ -75,12 +75,7 @@ def table_of(values: Sequence[int], weights: Sequence[int]) -> SymbolTable:
 def layer_tables(
     histograms: Histogram, known: Tables, layer: int, options: WriteOptions
 ) -> dict[TableKey, SymbolTable]:
-    """The tables of a layer's TABLES block.
-
-    Args:
-        histograms: of the symbols of all tiles.
-        known: the tables in force before.
-    """
+    """The tables of a layer's TABLES block."""
     sent = dict(known) if options.renewal == Renewal.REPEATED else {}
     for key, (alphabet, counts) in histograms.items():
         enough = key in known and known[key].places(alphabet) is not None and options.renewal != Renewal.ALWAYS

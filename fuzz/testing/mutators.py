@@ -578,7 +578,6 @@ def mutate(data: bytes, seed: int, others: Sequence[bytes] = ()) -> Mutant:
     """A damaged copy of a sound file; equal arguments give equal bytes.
 
     Args:
-        data: a sound file.
         seed: chooses operators and what they do.
         others: files that blocks or bytes may be taken from.
     """

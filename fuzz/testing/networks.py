@@ -36,7 +36,6 @@ def random_network(
     """A valid network whose activations are neither all zero nor all clamped.
 
     Args:
-        stages: of the scene.
         mixed: Y, by default `hidden`.
         codeword_dims: R, by default up to 6 of the latent's dimensions.
         edge: biases bring every accumulator to exactly the largest reach allowed.

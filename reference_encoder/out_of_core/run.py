@@ -175,7 +175,6 @@ class _Chain:
 
         Args:
             step: one of `SHARES`.
-            function, calls: the tasks.
             name: of the folder of their results, where a step has several kinds of task.
         """
         self.report(step, 0.0)

@@ -227,7 +227,6 @@ def partition(cells: Cells, range_size: int, tile_anchors: int) -> tuple[Range, 
     """Ranges that hold about equally many, at most about `range_size` Gaussians; together they are everything.
 
     Args:
-        range_size: Gaussians of a range.
         tile_anchors: most Gaussians of a tile.
     """
     # A cube may begin before the first of its cells that hold something.

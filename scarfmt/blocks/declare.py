@@ -456,8 +456,6 @@ def read(
     """The fields of a payload, which must be exactly `record`.
 
     Args:
-        record: its declaration.
-        payload: its bytes.
         field: what errors call it.
         trace: hears where every field lies.
         spend: takes adaptive numbers from what is allowed.

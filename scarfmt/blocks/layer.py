@@ -106,7 +106,6 @@ def unpack_layer(
     """The row of a LAYER block, and what layer 1 says.
 
     Args:
-        payload: its bytes.
         layer: 1-based; channels and context are read in layer 1.
         opening: what layer 1 said, for later layers.
         spend: takes adaptive numbers from what is allowed.

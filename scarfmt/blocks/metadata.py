@@ -47,7 +47,6 @@ def parse_metadata(data: bytes, offset: int | None = None) -> dict[str, Any]:
     Nesting is checked first: how deep a JSON parser gets depends on the interpreter.
 
     Args:
-        data: the block.
         offset: of the block in the file, bytes, for messages.
 
     Raises:

@@ -152,7 +152,6 @@ def described(error: Failure, options: Mapping[str | None, str] = MappingProxyTy
     """A failure as one line for people: its id, what is wrong, and what to do.
 
     Args:
-        error: what was raised.
         options: names of options by the parameters they set, to be named in place of these.
     """
     if isinstance(error, ScarError):

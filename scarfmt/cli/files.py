@@ -41,7 +41,6 @@ def read_origin(name: str, limit: int | None = None) -> str | bytes:
     """The bytes of standard input if `name` is `-`, the bytes of a pipe, else the path or URL as it is.
 
     Args:
-        name: as typed.
         limit: bytes accepted of a stream; default what a .scar file may have.
 
     Raises:

@@ -69,7 +69,6 @@ def output_format(name: str, chosen: str | None, others: tuple[str, ...] = ()) -
     """The format to write: as chosen, or by the file name, or for standard output a PLY.
 
     Args:
-        name: of the output.
         chosen: id, or None.
         others: endings of formats that are no scenes of Gaussians; such an ending without its dot is the id.
 
@@ -94,9 +93,6 @@ def written_report(names: tuple[str, str], written: Written, more: Mapping[str, 
     """The report of a command that wrote a scene; what the format could not hold is a warning each.
 
     Args:
-        names: of input and output.
-        written: by the writer.
-        more: of the document.
         lines: for people, besides the count.
     """
     for note in written.notes:

@@ -26,7 +26,6 @@ def progress(quiet: bool = False, steps: Mapping[str, float] | None = None) -> I
     """A function to call with (what is done now, part of it that is done, 0..1).
 
     Args:
-        quiet: show nothing.
         steps: share of the time that each step takes, in order; what is told begins with the name of one. None where
             the part is one of the whole work.
     """

@@ -119,7 +119,6 @@ def views_of(scene: GaussianScene, options: ViewOptions, default_kind: str) -> d
 
     Args:
         scene: only its positions and description are used.
-        options: the user's choice.
         default_kind: kind of views if the user chose none.
 
     Raises:

@@ -20,7 +20,6 @@ def check_networks(
     """Check the networks against the profile.
 
     Args:
-        fields: header fields.
         model: checked; in the anchor profile it makes sure that there is a decoder.
         decoder: the latent decoder, None while no layer needs it.
         scene_mlps: networks of the SCENE_MLP block.

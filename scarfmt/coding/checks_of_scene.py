@@ -31,10 +31,7 @@ def check_content(model: SceneModel, books: Codebooks | None, bits: int, content
     """Check one tile, at the model's last layer.
 
     Args:
-        model: checked.
-        books: the scene's codebooks.
         bits: local bits per axis of the tile.
-        content: the tile.
 
     Raises:
         InvalidInput: ``input-container``.

@@ -137,7 +137,6 @@ def load_models(fields: HeaderFields, layers: int, blocks: ModelBlocks) -> Scene
     """The models of a file's first `layers` layers.
 
     Args:
-        fields: of its header.
         layers: at least 1.
         blocks: the model blocks of these layers.
 

@@ -46,8 +46,6 @@ class SceneReader:
     """Reads models and tiles of one file, as SPEC defines them.
 
     Args:
-        source: the file.
-        limits: what the caller accepts.
         allow_truncated: use the whole layers of a cut file instead of refusing it.
     """
 

@@ -113,12 +113,10 @@ def put_layer(
     """Emit one layer of one tile.
 
     Args:
-        model: layer table and channels.
         layer: 1-based.
         frame: local coordinates of the tile.
         content: the tile at the model's last layer, anchors in order.
         emitters: gives the emitter of a stream kind.
-        neural: predictors and index network.
 
     Returns:
         How many anchors first appear in it.
@@ -230,8 +228,6 @@ def get_layer(
         open_stream: gives the reader of a stream kind.
         wanted: channel streams to decode (positions, classes and masks always are); others stay 0.
         book_sizes: codewords in the coarse and the residual codebook.
-        neural: predictors and index network.
-        observer: told what they compute.
     """
     if new:
         _get_new(model, layer, frame, content, new, open_stream)

@@ -162,10 +162,6 @@ def _of_result(models: SceneModels) -> int:
 class NumberBudget:
     """The adaptive numbers that the blocks of a file may have together (SPEC §13.2).
 
-    Args:
-        file_length: of the file.
-        limits: what the reader accepts.
-
     Attributes:
         left: numbers that the next blocks may have.
     """

@@ -174,7 +174,6 @@ def write_scene(scene: QuantisedScene, report: Report = silent) -> bytes:
     """The bytes of a file. Equal scenes give equal bytes.
 
     Args:
-        scene: what to write.
         report: told (stage, fraction done).
 
     Raises:

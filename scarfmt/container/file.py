@@ -132,7 +132,6 @@ def write_container(
     """A whole file. Blocks may come in any order; equal arguments give equal bytes.
 
     Args:
-        fields: the scene's header fields.
         tiles: tile table, ascending by Morton range, disjoint.
         blocks: at most one per (layer, kind, tile).
         layer_counts: per layer, cumulative (anchors, gaussians).
@@ -168,7 +167,6 @@ def encode_front(
     """Everything before the first block; offsets, sums and checksums are worked out here.
 
     Args:
-        fields: the scene's header fields.
         tiles: (T,) TILE_DTYPE.
         directory: (E,) ENTRY_DTYPE in file order; `offset` is ignored.
         layer_counts: per layer, cumulative (anchors, gaussians).

@@ -352,8 +352,6 @@ def read_header(source: ByteSource, *, limits: Limits = DEFAULT_LIMITS, allow_tr
     """The checked header of a file: one read of at most 2280 bytes, whatever the file's size.
 
     Args:
-        source: the file.
-        limits: what this reader accepts.
         allow_truncated: accept a source that ends before file_length (but not inside the header).
 
     Raises:

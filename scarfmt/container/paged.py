@@ -31,8 +31,6 @@ class Container:
     """A file opened for reading: its header is read and checked.
 
     Args:
-        source: the file.
-        limits: what this reader accepts.
         allow_truncated: accept a source that ends early; its whole blocks are readable.
         readable_kinds: block kinds the caller understands; other critical kinds refuse the file.
 
@@ -252,10 +250,6 @@ class Container:
     def read_block(self, entry: Entry, *, verify: bool = True) -> bytes:
         """The bytes of a block.
 
-        Args:
-            entry: an entry of this container.
-            verify: check the block's CRC-32.
-
         Raises:
             Truncated: ``truncated-block`` when the source ends before the block does.
             Malformed: ``crc-mismatch`` when the block is damaged.
@@ -283,10 +277,6 @@ class Container:
     def read_blocks(self, entries: Iterable[Entry], *, verify: bool = True) -> Iterator[tuple[Entry, bytes]]:
         """Blocks in the given order; blocks that follow each other in the file share one request.
 
-        Args:
-            entries: entries of this container.
-            verify: check the CRC-32 of each.
-
         Raises:
             Truncated, Malformed: as :meth:`read_block`.
         """
@@ -306,9 +296,6 @@ class Container:
 
 def runs(spans: Sequence[tuple[int, int]]) -> Iterator[slice]:
     """Pages or blocks grouped into stretches without gaps of at most COALESCE_BYTES (or one of them).
-
-    Args:
-        spans: offset and length of each.
 
     Yields:
         Which of them belong together.

@@ -33,7 +33,6 @@ def pack_tile_pages(tiles: Table, lattice_bits: int, page_bits: int) -> tuple[Ta
 
     Args:
         tiles: (T,) TILE_DTYPE, ascending by Morton range.
-        lattice_bits: of the header.
         page_bits: tiles of a page, as a power of two.
 
     Raises:
@@ -100,9 +99,7 @@ def unpack_tile_pages(found: Found, pages: Table, header: Header) -> list[Table]
     """(n,) TILE_DTYPE of each of some pages.
 
     Args:
-        found: the tile pages.
         pages: (P,) PAGE_DTYPE of ROOT.
-        header: of the file.
 
     Raises:
         Malformed: a rule of SPEC §5.5 is broken.
@@ -191,7 +188,6 @@ def pack_row_pages(rows: Table, layer: int, tile_count: int, page_bits: int) -> 
     Args:
         rows: ENTRY_DTYPE of the layer's TILE blocks, by tile.
         layer: 1-based.
-        tile_count: tiles of the file.
         page_bits: tiles of a page, as a power of two.
     """
     pages, parts, size = [], [], 1 << page_bits
@@ -214,10 +210,7 @@ def unpack_row_pages(found: Found, pages: Table, header: Header, limits: Limits)
     """ENTRY_DTYPE of the TILE blocks of each of some pages, by tile.
 
     Args:
-        found: the row pages.
         pages: (R,) ROW_PAGE_DTYPE of ROOT.
-        header: of the file.
-        limits: what this reader accepts.
 
     Raises:
         Malformed, LimitExceeded: a rule of SPEC §5.5 is broken.

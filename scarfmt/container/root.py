@@ -138,9 +138,6 @@ def unpack_root(data: bytes, header: Header, limits: Limits, readable: frozenset
     """Parse and check ROOT.
 
     Args:
-        data: its bytes.
-        header: of the file.
-        limits: what this reader accepts.
         readable: block kinds the caller understands; other critical kinds refuse the file.
 
     Raises:

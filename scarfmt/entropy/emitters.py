@@ -145,11 +145,7 @@ def _added(numbers: Sequence[I64], counts: Sequence[I64]) -> tuple[I64, I64]:
 
 
 class SymbolWriter(Emitter):
-    """An emitter that codes one sub-stream.
-
-    Args:
-        tables: static tables in force.
-    """
+    """An emitter that codes one sub-stream."""
 
     def __init__(self, tables: Mapping[TableKey, SymbolTable]) -> None:
         self._tables = tables

@@ -51,7 +51,6 @@ class NumberReader:
     """Reads the numbers of a block.
 
     Args:
-        data: the block.
         field: what errors call it.
         trace: hears which numbers are which field.
         allowed: takes numbers from what is allowed.

@@ -18,12 +18,7 @@ from scarfmt.errors import Malformed
 
 
 class SymbolReader:
-    """Reads one sub-stream, group by group.
-
-    Args:
-        data: the sub-stream.
-        tables: static tables in force.
-    """
+    """Reads one sub-stream, group by group."""
 
     def __init__(self, data: bytes, tables: Mapping[TableKey, SymbolTable]) -> None:
         self._tables = tables
@@ -48,7 +43,6 @@ class SymbolReader:
         """The next values, (n,) int32, grouped by ascending kind, order kept within each group (SPEC §8.4).
 
         Args:
-            key: of the tables.
             kinds: (n,) what :class:`StepKey` says, below 2^14.
 
         Raises:

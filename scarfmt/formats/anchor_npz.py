@@ -85,7 +85,6 @@ def save_anchor_npz(model: AnchorModel, destination: str | PathLike[str] | Binar
     Args:
         model: a model with all three networks.
         destination: a path, written whole or not at all, or an open binary file.
-        force: overwrite an existing file.
 
     Raises:
         InvalidInput: the file exists and `force` is not set.

@@ -152,8 +152,6 @@ def write_compressed_ply(parts: Parts, described: Described, target: BinaryIO) -
 
     Args:
         parts: of the scene; Gaussians are put in order within each.
-        described: the scene.
-        target: where to.
 
     Raises:
         InvalidInput: ``output-range``: a value is not finite, or a position too large for float32; ``output-empty``.

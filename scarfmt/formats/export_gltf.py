@@ -48,7 +48,6 @@ def write_gltf(parts: Parts, described: Described, target: BinaryIO, beside: Bes
 
     Args:
         parts: of the scene; Gaussians keep their order.
-        described: the scene.
         target: of the .glb, or of the JSON.
         beside: where the buffer goes; None for a .glb, which holds it.
 

@@ -67,7 +67,6 @@ def ply_header(count: int, rest: int, comments: Iterable[str] = ()) -> bytes:
     """The header of a file, binary_little_endian, all float, with normals, as INRIA's trainer writes it.
 
     Args:
-        count: of Gaussians.
         rest: coefficients of each colour above degree 0.
         comments: printable ASCII, a line each.
 
@@ -89,7 +88,6 @@ def description_comments(description: Description, origin: tuple[float, float, f
     """The comments that :func:`scarfmt.formats.ply.describe` understands.
 
     Args:
-        description: of the scene.
         origin: what has to be added to its positions, as written.
     """
     lines = []

@@ -32,11 +32,6 @@ _SEED = 1
 def write_sog(parts: Parts, described: Described, target: BinaryIO) -> Written:
     """Write a bundled SOG, in the axes of the scene; Gaussians are put in Morton order.
 
-    Args:
-        parts: of the scene.
-        described: the scene.
-        target: where to.
-
     Raises:
         InvalidInput: ``output-range``: a value is not finite, or one Gaussian so far from all others that their
             positions would be lost; ``output-empty``; ``input-dependency``: Pillow is missing.

@@ -33,7 +33,6 @@ def flip_axes(scene: GaussianScene, signs: Signs) -> GaussianScene:
     """The scene as seen in axes of which some point the other way; exact, every flip is its own inverse.
 
     Args:
-        scene: any scene.
         signs: 1 to keep an axis, -1 to flip it.
     """
     x, y, z = signs

@@ -72,9 +72,6 @@ _LARGEST = {BYTE: 127.0, UBYTE: 255.0, SHORT: 32767.0, USHORT: 65535.0}
 class Asset:
     """A .glb or .gltf, its JSON parsed and its buffers read when they are needed.
 
-    Args:
-        source: the file.
-
     Raises:
         InvalidInput: damaged.
         Unsupported: another version of glTF, or of its container.
@@ -106,7 +103,6 @@ class Asset:
         """The elements of an accessor, integers as they are or, where it is normalised, scaled to 1.
 
         Args:
-            index: of the accessor.
             kind: SCALAR, VEC3 and so on.
             allowed: component types.
             name: of the attribute, for messages.

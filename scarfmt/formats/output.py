@@ -28,11 +28,7 @@ _COPY_BYTES = 1 << 20
 
 
 class Spool(ExitStack):
-    """Named streams in temporary files, to be used as a context manager: together as large as what is written.
-
-    Args:
-        names: of the streams.
-    """
+    """Named streams in temporary files, to be used as a context manager: together as large as what is written."""
 
     def __init__(self, names: Iterable[str]):
         super().__init__()
@@ -200,9 +196,6 @@ class Losses:
         """A line for each kind of change there was, and for all that the scene says and the format cannot.
 
         Args:
-            described: the scene.
-            total: Gaussians written.
-            title: of the format.
             says: what it has words for.
         """
         found = [f"{what}: {count:,} of {total:,} Gaussians" for what, count in self._counts.items() if count]

@@ -48,13 +48,6 @@ def write_parts(
     What waits for its place lies in temporary files, together as large as the output. Where a scene lies so far from
     zero that float32 would lose what shows, an origin is subtracted from its positions.
 
-    Args:
-        format_id: id of an output.
-        parts: of the scene, in order.
-        described: what holds for all of them.
-        target: where to.
-        options: of the format.
-
     Raises:
         InvalidInput: ``output-format``: unknown; ``output-range``: values the format cannot hold; ``output-empty``: no
             Gaussians, for formats that have no empty scenes.

@@ -214,8 +214,6 @@ def read_elements(source: Source, header: Header, names: Collection[str]) -> dic
     """The rows of the named elements, as structured arrays in memory.
 
     Args:
-        source: the file.
-        header: its header.
         names: elements wanted; those the file lacks are left out.
 
     Raises:
@@ -252,8 +250,6 @@ def check_sizes(source: Source, header: Header, most: int = MAX_GAUSSIANS) -> No
     """Refuse counts that cannot fit into the file, before memory is allocated for them.
 
     Args:
-        source: the file.
-        header: its header.
         most: rows accepted of an element.
 
     Raises:

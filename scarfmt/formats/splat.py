@@ -48,11 +48,6 @@ def load(source: Source) -> GaussianScene:
 def write_splat(parts: Parts, described: Described, target: BinaryIO) -> Written:
     """Write a `.splat` file, in the axes of the scene; Gaussians keep their order.
 
-    Args:
-        parts: of the scene.
-        described: the scene.
-        target: where to.
-
     Raises:
         InvalidInput: ``output-range``: a value is not finite, or too large for float32; ``output-empty``.
     """

@@ -328,9 +328,6 @@ def write_spz(parts: Parts, described: Described, target: BinaryIO, options: Spz
 
     Args:
         parts: of the scene; Gaussians keep their order.
-        described: the scene.
-        target: where to.
-        options: of the format.
 
     Raises:
         InvalidInput: ``output-range``: a value is not finite, or a position is beyond the reach of the 24 bits;

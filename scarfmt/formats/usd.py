@@ -214,8 +214,6 @@ def write_usd(parts: Parts, described: Described, target: BinaryIO) -> Written:
 
     Args:
         parts: of the scene; Gaussians keep their order.
-        described: the scene.
-        target: where to.
 
     Raises:
         InvalidInput: ``output-range``: a value is not finite or too large for float32; ``output-empty``;

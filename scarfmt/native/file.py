@@ -40,9 +40,6 @@ class NativeFile:
     """The models of a file's first layers, and the tiles read with them. Threads may share one.
 
     Args:
-        library: the compiled library.
-        fields: of the header.
-        file_length: of the header.
         layers: how many.
         blocks: (layer, kind) -> payload of the model blocks of these layers, checksums checked.
 
@@ -93,9 +90,7 @@ class NativeFile:
         """A tile after the last layer; None where it breaks a rule.
 
         Args:
-            place: of the tile.
             blocks: per layer, the anchors that appear and the block, if there is one.
-            streams: the sub-streams to read.
         """
         scar = getattr(self._own, "scar", None)
         if scar is None:

@@ -137,7 +137,6 @@ class Evaluator:
         """The first symbols of n anchors, in order: codewords of a flat head, clusters of a two-level one.
 
         Args:
-            book: number of the codebook.
             y: (n, Y).
         """
         projection, (logits, _) = self.network.heads[book].projections[0], self._logits[book]
@@ -149,7 +148,6 @@ class Evaluator:
         """The members of n anchors: clusters ascend, order is kept in a cluster, clusters of one codeword are left out.
 
         Args:
-            book: number of the codebook.
             y: (n, Y).
             clusters: (n,) the cluster of each anchor.
         """

@@ -21,8 +21,6 @@ class LayerContext:
     """Decoded context of the anchors known in one layer of one tile.
 
     Args:
-        model: of the file.
-        frame: the tile's.
         codes: (n,) uint64 local Morton codes.
         classes: (n,) int64.
         observer: of the tile-layer, if there is one.

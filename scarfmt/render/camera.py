@@ -176,7 +176,6 @@ def look_at(
         eye, target, up: (3,) float64, world units.
         width, height: picture size, pixels.
         fov_deg: horizontal field of view, degrees.
-        name: label of the camera.
         near: distance of the near plane, world units.
     """
     forward = (target - eye) / np.linalg.norm(target - eye)
@@ -224,8 +223,6 @@ def orbit_cameras(
     """Cameras on an orbit round the scene's 10-90 % core, all looking at its middle (:func:`core`).
 
     Args:
-        scene: the scene to look at.
-        count: number of cameras.
         width, height: picture size, pixels.
         up: ``"UP"`` or an arc ``"UP:CENTRE_DEG:SPAN_DEG"`` (:meth:`Arc.parse`). Azimuths turn from +x
             towards -z for ``-y`` (+z for ``y``), +x towards +y for ``z``.

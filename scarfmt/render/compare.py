@@ -108,8 +108,6 @@ def compare_with_photos(
         scene: a scene, or a function from camera to (height, width, 3) picture.
         photos: a folder with cameras (:func:`scarfmt.render.capture.load_cameras`) and `images/`, or their file.
         split: take the cameras marked so; empty takes all, and so does a file that marks none.
-        ssim: also compute SSIM.
-        background: colour behind the scene.
         names: take the cameras of these photos, whatever the file marks.
 
     Raises:

@@ -63,7 +63,6 @@ def gradients(drawable: Drawable, camera: Camera, target: F32) -> tuple[float, G
 
     Args:
         drawable: the N Gaussians.
-        camera: where from.
         target: (height, width, 3) float32, what the picture should be, over black.
 
     Returns:

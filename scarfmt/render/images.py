@@ -103,7 +103,6 @@ def contact_sheet(images: Sequence[NDArray[np.floating]], labels: Sequence[str] 
     Args:
         images: (height, width, 3) floats, all of one shape.
         labels: one per image, or none at all, which leaves no room for labels.
-        columns: pictures per row.
 
     Raises:
         InvalidInput: no images, different sizes, or another number of labels.

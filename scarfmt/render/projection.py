@@ -119,7 +119,6 @@ def project(
 
     Args:
         scene: the N Gaussians.
-        camera: where from.
         sh_degree: use bands up to this degree only; default all.
         colours: (N, 3) colours to use instead of the spherical harmonics, unclamped.
 

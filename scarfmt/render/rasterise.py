@@ -35,8 +35,6 @@ def render(
 
     Args:
         scene: the N Gaussians.
-        camera: where from.
-        background: colour behind everything.
         sh_degree: use spherical-harmonic bands up to this degree only; default all.
         colours: (N, 3) colours to use instead of the spherical harmonics (anchor models give these).
 
@@ -54,7 +52,6 @@ def render_with(scene: GaussianScene | Drawable, camera: Camera, colours: NDArra
 
     Args:
         scene: the N Gaussians.
-        camera: where from.
         colours: (N, 3) the other colours.
 
     Raises:

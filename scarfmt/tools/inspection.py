@@ -22,10 +22,8 @@ def inspect(source: ByteSource, *, metadata: bool = False, limits: Limits = DEFA
     """A JSON-able description of a file, whole or cut short.
 
     Args:
-        source: the file.
         metadata: also read the METADATA block, as key ``metadata``; None where there is none or it is cut off. And say
             how large the THUMBNAIL block is, as key ``thumbnail_bytes``.
-        limits: what this reader accepts.
 
     Returns:
         Counts and byte sizes as ints; ``layers`` lists the layers in order, ``bytes`` their own size,

@@ -28,7 +28,6 @@ def even_parts(container: Container, parts: int) -> list[I64]:
     """Tiles of each of some parts that follow each other in space, with about as many bytes each.
 
     Args:
-        container: the file.
         parts: how many, at most as many as it has tiles.
 
     Raises:
@@ -54,7 +53,6 @@ def split_to(source: ByteSource, parts: Sequence[I64], targets: Sequence[BinaryI
     of the encoder's input are divided among the files as those that were kept are.
 
     Args:
-        source: the file.
         parts: (n,) tiles of each, ascending; no tile is in two, and each has one at least.
         targets: as many, opened for writing in binary mode.
 

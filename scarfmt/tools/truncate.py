@@ -36,10 +36,8 @@ def truncate_to(source: ByteSource, layers: int, target: BinaryIO, *, limits: Li
     blocks of unknown kind that are not safe-to-copy are dropped, unless all layers are kept.
 
     Args:
-        source: the file.
         layers: layers to keep, 1..layer_count.
         target: opened for writing in binary mode.
-        limits: what this reader accepts.
 
     Returns:
         Bytes written.

@@ -108,7 +108,6 @@ def validate(
         layers: check only the blocks of the first `layers` layers; None for all that arrived.
         limits: what counts as too large: a file beyond them is not decoded, and has a finding that says so. For a file
             that is trusted `scarfmt.limits.FORMAT_LIMITS` stands for no limits but the format's own.
-        report: told about progress.
 
     Raises:
         InvalidInput: ``input-layers`` when the file does not declare so many layers.

@@ -19,7 +19,6 @@ def write_page(source: ByteSource, name: str, target: BinaryIO) -> int:
     """Write a page that shows a file of which nothing else is needed.
 
     Args:
-        source: the file.
         name: what the page calls it.
         target: gets the page, which is 1.3 MB and four thirds of the file.
 

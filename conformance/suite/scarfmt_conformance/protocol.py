@@ -149,7 +149,6 @@ def printable(text: str, limit: int = SHOWN_CHARACTERS, lines: bool = False) -> 
     """A decoder's text, fit for terminals, XML and JSON: no control characters, no lone surrogates, not too long.
 
     Args:
-        text: anything.
         limit: characters kept, from the start.
         lines: keep line ends.
     """

@@ -172,10 +172,8 @@ def run(
     """Ask a decoder about vectors.
 
     Args:
-        suite: they are of.
         vectors: at least one; their files are checked first.
         connect: makes a decoder; called once per job.
-        options: what to ask.
         report: called with every result, in the order of time, from several threads but one at a time.
 
     Raises:

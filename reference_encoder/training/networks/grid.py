@@ -50,7 +50,6 @@ class BinaryGrid(nn.Module):
     """A grid whose bits are learned.
 
     Args:
-        box: what its cells divide.
         levels: at least one.
         seed: of the first parameters.
     """

@@ -60,9 +60,7 @@ def wrong(file: str, message: str, field: str | None = None) -> InvalidInput:
     """The error for a camera file that cannot be used: ``input-cameras``.
 
     Args:
-        file: its path.
         message: what is wrong, and what to do about it.
-        field: where in the file.
     """
     return InvalidInput("input-cameras", f"{file}: {message}", field=field)
 
@@ -184,7 +182,6 @@ class Record:
             size: width and height, pixels.
             focal: fx and fy, pixels, above 0.
             centre: principal point, pixels.
-            name: of the photo.
             split: ``"train"``, ``"test"`` or empty.
 
         Raises:

@@ -46,9 +46,6 @@ def transforms_cameras(file: str, document: Mapping[str, Any], frames: list[Any]
     """The cameras of a `transforms.json`.
 
     Args:
-        file: its path.
-        document: its content.
-        frames: its list of frames.
         dataparser: content of the `dataparser_transforms.json` beside it, or None.
 
     Raises:
