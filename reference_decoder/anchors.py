@@ -37,7 +37,7 @@ class CameraGaussians:
     slots: I64
 
 
-def gaussians(model: AnchorModel, camera_centre: Floats, dtype: type = np.float32) -> CameraGaussians:
+def gaussians(model: AnchorModel, camera_centre: Floats) -> CameraGaussians:
     """The Gaussians a camera at `camera_centre` sees, in anchor then slot order.
 
     Only slots of positive opacity are made; the covariance and colour networks run only for anchors that have one.
@@ -45,7 +45,6 @@ def gaussians(model: AnchorModel, camera_centre: Floats, dtype: type = np.float3
     Args:
         model: a decoded or an imported model, with all three networks.
         camera_centre: (3,) world units.
-        dtype: float32, or float64 for the reference of the tolerances (SPEC §9.5).
 
     Raises:
         InvalidInput: ``input-mlp`` when a network is missing.
@@ -54,11 +53,11 @@ def gaussians(model: AnchorModel, camera_centre: Floats, dtype: type = np.float3
         raise InvalidInput("input-mlp", f"an anchor model needs the networks {', '.join(NETWORKS)}", field="mlps")
     may_show = np.arange(len(model)) if model.slot_mask is None else np.flatnonzero(model.slot_mask.any(axis=1))
     parts = [
-        _chunk(model, may_show[first : first + CHUNK], np.asarray(camera_centre, np.float64), dtype)
+        _chunk(model, may_show[first : first + CHUNK], np.asarray(camera_centre, np.float64))
         for first in range(0, max(len(may_show), 1), CHUNK)
     ]
     positions, scales, rotations, logits, colours, anchors, slots = map(np.concatenate, zip(*parts, strict=True))
-    sh: NDArray[Any] = ((colours - 0.5) / SH_C0).astype(dtype)[:, None, :]
+    sh: NDArray[Any] = ((colours - 0.5) / SH_C0).astype(np.float32)[:, None, :]
     return CameraGaussians(GaussianScene(positions, scales, rotations, logits, sh), colours, anchors, slots)
 
 
@@ -121,8 +120,8 @@ def slot_centres(model: AnchorModel, anchors: I64, slots: I64) -> F64:
     return np.asarray(model.anchors[anchors] + model.offsets[anchors, slots] * reach)
 
 
-def _chunk(model: AnchorModel, rows: I64, eye: F64, dtype: type) -> tuple[NDArray[np.generic], ...]:
-    inputs = outlook(model, rows, eye, dtype)
+def _chunk(model: AnchorModel, rows: I64, eye: F64) -> tuple[NDArray[np.generic], ...]:
+    inputs = outlook(model, rows, eye, np.float32)
     opacity = np.tanh(run(model.mlps["opacity"], inputs))
     shown = opacity > 0
     if model.slot_mask is not None:
@@ -133,7 +132,7 @@ def _chunk(model: AnchorModel, rows: I64, eye: F64, dtype: type) -> tuple[NDArra
     covariance = run(model.mlps["cov"], inputs).reshape(len(some), model.slots, 7)[anchor, slot]
     colour = sigmoid(run(model.mlps["color"], inputs).reshape(len(some), model.slots, 3)[anchor, slot])
     rows = rows[some][anchor]
-    scales = model.log_scaling[rows, 3:6].astype(dtype) + log_sigmoid(covariance[:, :3])
-    logits: NDArray[Any] = opacity_logits(np.log(opacity[some][anchor, slot].astype(np.float64))).astype(dtype)
+    scales = model.log_scaling[rows, 3:6].astype(np.float32) + log_sigmoid(covariance[:, :3])
+    logits: NDArray[Any] = opacity_logits(np.log(opacity[some][anchor, slot].astype(np.float64))).astype(np.float32)
     centres = slot_centres(model, rows, slot)
     return centres, scales, unit_quaternions(covariance[:, 3:]), logits, colour, rows, slot

@@ -1,4 +1,4 @@
-"""Channels: nested rounding, and refinement from any step to any later one."""
+"""Channels: refinement from any step to any later one."""
 
 from __future__ import annotations
 
@@ -10,45 +10,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from scarfmt.arrays import I32, I64
-from scarfmt.codecs.channels import check_reach, coarsen, get_channel, put_channel, trit_contexts
+from scarfmt.codecs.channels import check_reach, coarsen, get_channel, put_channel
 from scarfmt.container.schema import Stream
-from scarfmt.entropy.keys import TableKey
 from scarfmt.errors import Malformed
 from scarfmt.scene.model import Channel
 from tests.samples.codec_samples import Recorder, reader_of
 
 EDGE = 2**31 - 1
-VALUES = st.one_of(st.integers(-40, 40), st.integers(-EDGE, EDGE), st.sampled_from([EDGE, -EDGE, 0]))
-
-
-# ------------------------------------------------------------------------------------------------ rounding
-
-
-@given(VALUES, st.integers(0, 19))
-def test_coarsening_is_rounding_to_nearest(value: int, steps: int) -> None:
-    """The result is the cell whose centre is nearest; an odd number of subcells leaves no tie."""
-    cell = int(coarsen(np.array([value]), steps)[0])
-    assert 2 * abs(value - cell * 3**steps) < 3**steps or (steps == 0 and cell == value)
-
-
-def test_steps_may_differ_by_anchor() -> None:
-    """The broadcast form agrees with the scalar one."""
-    values = np.arange(-20, 20)
-    steps = np.arange(40) % 4
-    alone = [int(coarsen(values[i : i + 1], int(steps[i]))[0]) for i in range(40)]
-    assert coarsen(values, steps).tolist() == alone
-
-
-# ------------------------------------------------------------------------------------------------ contexts
-
-
-@given(st.lists(st.integers(-EDGE, EDGE), max_size=20))
-def test_contexts_of_trits_are_the_formula(values: list[int]) -> None:
-    """SPEC §8.4 in unbounded integers."""
-    assert trit_contexts(np.array(values, np.int32)).tolist() == [min(max(v, -2), 2) + 2 for v in values]
-
-
-# ------------------------------------------------------------------------------------------------ coding
 
 
 @dataclass
@@ -107,26 +75,6 @@ def test_a_layer_that_refines_nothing_emits_nothing() -> None:
     recorder, steps = Recorder(), np.array([0, 2, 5])
     put_channel(recorder, channel(), steps, steps, (np.zeros((3, 3), np.int32), steps))
     assert recorder.groups == []
-
-
-def test_symbols_travel_step_by_step_then_component_by_component() -> None:
-    """The order of SPEC §7.5, fixed for other implementations."""
-    recorder, one = Recorder(), np.array([2, 2])
-    values = np.array([[4, -4, 0], [-1, 1, 2]], np.int32)
-    plain = Channel(Stream.SCALE, (0.1,) * 3)
-    put_channel(recorder, plain, one * 0, one, (values, one))
-    expected = [
-        (TableKey(Stream.SCALE, 0, 1, 0), [1, 0]),
-        (TableKey(Stream.SCALE, 1, 1, 0), [-1, 0]),
-        (TableKey(Stream.SCALE, 2, 1, 0), [0, 1]),
-        (TableKey(Stream.SCALE, 0, 2, 2), [-1]),
-        (TableKey(Stream.SCALE, 0, 2, 3), [1]),
-        (TableKey(Stream.SCALE, 1, 2, 1), [-1]),
-        (TableKey(Stream.SCALE, 1, 2, 2), [1]),
-        (TableKey(Stream.SCALE, 2, 2, 2), [0]),
-        (TableKey(Stream.SCALE, 2, 2, 3), [-1]),
-    ]
-    assert recorder.groups == expected
 
 
 @pytest.mark.parametrize("sign", [1, -1])

@@ -6,27 +6,15 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from scarfmt.codecs.masks import get_offsets, put_masks, put_offsets
+from scarfmt.codecs.masks import get_offsets, put_offsets
 from scarfmt.container.schema import Stream
-from scarfmt.entropy.keys import TableKey
 from scarfmt.scene.model import Channel
-from tests.samples.codec_samples import Recorder, reader_of
+from tests.samples.codec_samples import reader_of
 
-MASK = TableKey(Stream.MASKS, 0, 0, 0)
 EDGE = 2**31 - 1
 
 
 CHANNEL = Channel(Stream.OFFSETS, (0.1, 0.1, 0.2))
-
-
-def test_the_context_is_how_many_slots_are_on_by_then() -> None:
-    """Slots turned on earlier in the same layer count (SPEC §7.4)."""
-    before = np.array([[True, False, False], [False, False, False]])
-    after = np.array([[True, True, False], [False, True, True]])
-    recorder = Recorder()
-    put_masks(recorder, before, after)
-    expected = [(0, [0]), (0, [1]), (1, [1]), (1, [1]), (2, [0])]
-    assert recorder.groups == [(MASK._replace(context=context), bits) for context, bits in expected]
 
 
 @settings(deadline=None)

@@ -10,7 +10,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from scarfmt.entropy.numbers import LARGEST, NumberReader, NumberWriter
-from scarfmt.entropy.rans import RansEncoder
 from tests.samples.codec_samples import refuses
 
 NUMBERS = st.lists(
@@ -47,17 +46,6 @@ def test_models_learn() -> None:
     assert entropy < len(written(("a", int(number)) for number in few)) < 1.05 * entropy
 
 
-def test_a_model_moves_as_the_text_says() -> None:
-    """By a half, a third, a quarter ... of what is missing, and by a thirty-second from then on (SPEC §8.5)."""
-    encoder, p, n = RansEncoder(), 32768, 0
-    for _ in range(100):
-        encoder.append(np.array([0]), np.array([p << 8]))
-        p, n = p + (65536 - p) // (n + 2), min(n + 1, 30)
-    for span in ([p << 8], [1 << 24]), ([0], [1 << 23]), ([0], [1 << 23]):  # prefix[0], prefix[1], second[1]
-        encoder.append(*np.array(span))
-    assert encoder.finish() == written([("a", 0)] * 100 + [("a", 1)])
-
-
 @pytest.mark.parametrize(
     ("change", "refusal"),
     [
@@ -78,10 +66,3 @@ def test_damaged_streams_are_refused(change: Callable[[bytes], bytes], refusal: 
         reader.finish()
 
     refuses(refusal, read_all)
-
-
-def test_a_number_of_33_bits_is_refused() -> None:
-    """At the 32nd bit 1 of the prefix, each of a model that saw nothing before."""
-    encoder = RansEncoder()
-    encoder.append(np.full(32, 1 << 23), np.full(32, 1 << 24))
-    refuses("bad-number", lambda: NumberReader(encoder.finish(), "x").number("a"))

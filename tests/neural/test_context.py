@@ -5,7 +5,7 @@ from __future__ import annotations
 from fractions import Fraction
 
 import numpy as np
-from hypothesis import example, given
+from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
@@ -15,13 +15,11 @@ from scarfmt.neural.context import (
     FINE_LIMIT,
     Cells,
     CellSums,
-    count_features,
     depth_shifts,
     fine,
     joining_depths,
-    passes,
 )
-from scarfmt.scene.model import MAX_PASSES_LOG2, MAX_STEPS
+from scarfmt.scene.model import MAX_STEPS
 
 seeds = st.integers(0, 2**32 - 1)
 
@@ -73,44 +71,6 @@ def test_depths_of_nothing_and_of_the_largest_codes() -> None:
     assert depth_shifts(ends, MAX_LOCAL_BITS, (3, 2, 1)) == [21, 21, 0]
 
 
-@given(st.integers(0, 40), st.integers(0, MAX_PASSES_LOG2))
-def test_passes_split_ranks_as_the_text_says(count: int, passes_log2: int) -> None:
-    """Every rank once: multiples of P first, then those halfway between, pass by pass."""
-    whole = 1 << passes_log2
-    want = [[r for r in range(count) if r % whole == 0]]
-    for number in range(1, passes_log2 + 1):
-        half = whole >> number
-        want.append([r for r in range(count) if r % (2 * half) == half])
-    found = passes(count, passes_log2)
-    assert [part.tolist() for part in found] == want
-    assert sorted(np.concatenate(found).tolist()) == list(range(count))
-
-
-@given(seeds, st.integers(0, 50), st.integers(1, 12), st.lists(st.integers(1, 20), max_size=4, unique=True))
-@example(0, 0, 1, [3, 1])
-@example(1, 4, 1, [])
-def test_means_are_those_of_the_anchors_of_the_cell(seed: int, count: int, bits: int, targets: list[int]) -> None:
-    """Every depth, ties up, an empty cell taking the mean of the coarser one; empty tiles and no depths too."""
-    rng = np.random.default_rng(seed)
-    codes = some_codes(seed, count, bits)
-    shifts = depth_shifts(codes, bits, sorted(targets, reverse=True))
-    columns = rng.choice([rng.integers(-3, 4, (count, 2)), rng.integers(-FINE_LIMIT, FINE_LIMIT + 1, (count, 2))])
-    earlier = rng.random(count) < 0.4
-    wanted = np.flatnonzero(rng.random(count) < 0.6)
-    means, counts = means_of(Cells(codes, shifts), columns, earlier, wanted)
-    assert (means.shape, counts.shape) == ((len(wanted), len(shifts), 2), (len(wanted), len(shifts)))
-    for place, row in enumerate(wanted):
-        before = [0, 0]
-        for depth, shift in enumerate(shifts):
-            cell = [
-                i for i in range(count) if earlier[i] and int(codes[i]) >> 3 * shift == int(codes[row]) >> 3 * shift
-            ]
-            if cell:
-                before = [nearest(sum(int(columns[i, c]) for i in cell), len(cell)) for c in range(2)]
-            assert counts[place, depth] == len(cell)
-            assert means[place, depth].tolist() == before
-
-
 def test_sums_grow_as_passes_add_to_them() -> None:
     """Adding in parts is adding at once."""
     rng = np.random.default_rng(3)
@@ -132,9 +92,3 @@ def test_a_cell_of_very_many_large_values_stays_exact() -> None:
     columns[0] -= 1
     means, counts = means_of(Cells(codes, [0]), columns, np.ones(count, np.bool_), np.array([5]))
     assert (means.item(), counts.item()) == (nearest(count * FINE_LIMIT - 1, count), count)
-
-
-def test_count_features_are_bit_lengths() -> None:
-    """32 a binary digit, eight at most."""
-    counts = np.array([0, 1, 2, 3, 4, 127, 128, 255, 256, 1 << 20])
-    assert count_features(counts).tolist() == [32 * min(int(c).bit_length(), 8) for c in counts]

@@ -10,13 +10,15 @@ from numpy.typing import NDArray
 
 from fuzz.testing.scenes import random_scene
 from reference_decoder.decode import DecodeRequest, decode
+from reference_decoder.reconstruct import positions
 from reference_decoder.region import pages_meeting, tile_boxes, tiles_meeting
 from scarfmt.arrays import F64
 from scarfmt.coding.reader import SceneReader
 from scarfmt.coding.writer import write_scene
 from scarfmt.container import paged
-from scarfmt.container.directory import Table
+from scarfmt.container.directory import Table, Tile, tile_table
 from scarfmt.container.file import Container
+from scarfmt.container.morton import interleave
 from scarfmt.container.schema import TILE_DTYPE
 from scarfmt.container.source import BytesSource
 from scarfmt.limits import MAX_TILE_DEPTH
@@ -94,3 +96,11 @@ def test_pages_far_from_the_box_are_not_read(monkeypatch: pytest.MonkeyPatch) ->
         request = DecodeRequest(box=(box[0].tolist(), box[1].tolist()))
         assert np.array_equal(decode(data, request).tiles, decode(in_pages(data, 10), request).tiles)
     assert least < len(pages) / 4
+
+
+def test_a_box_holds_anchors_half_a_cell_beyond_its_tile() -> None:
+    """The farthest residuals, of a whole cell, at the first and the last cell."""
+    lattice, tile = Lattice((1.0, -2.0, 0.0), 0.25, 12), Tile(3, 2, 5)
+    low, high = tile_boxes(lattice, tile_table([tile]))
+    ends = interleave(np.array([[0] * 3, [127] * 3]))
+    assert np.array_equal(positions(lattice, tile, ends, np.array([[-1.0] * 3, [1.0] * 3])), [low[0], high[0]])
