@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import re
-import subprocess
-
-import pytest
 
 from conformance.spec.spec_text import rules
 from conformance.spec.spec_text import text as spec_text
 from tests.conftest import REPOSITORY
+from tests.test_conventions import LANGUAGES, sources
 
 RULES = set(rules())
 SECTIONS = set(re.findall(r"^#+ (?:Appendix )?((?:\d+|[A-Z])(?:\.\d+)*)\.? ", spec_text(), re.MULTILINE))
@@ -18,22 +16,13 @@ PAPER = {
     *("4", "4.1", "5", "5.1", "5.2", "5.3", "5.4", "5.5", "6"),
 }
 """Numbered sections of SCAR-GS, which docs/under-the-hood.md identifies."""
-ENDINGS = (".py", ".c", ".h", ".js", ".mjs", ".ts", ".toml")
-WITH_INVENTED_RULES = {"tests/blocks/test_declare.py", "tests/conformance/spec/test_rules.py"}
+INVENTING = ("tests/blocks/test_declare.py", "tests/conformance/spec/test_rules.py", "tests/test_citations.py")
 """Tests of what reads rules: they make up some."""
+NAMES = [name for name in sources((*LANGUAGES, ".toml")) if name not in INVENTING]
 
 RULE = re.compile(r"\bR-[0-9A-Z]+(?:\.\d+)*-\d+\b")
 SECTION = re.compile(r"§ ?((?:\d+|[A-Z])(?:\.\d+)*)")
 DOCUMENT = re.compile(r"SPEC|paper|RFC \d+|Scaffold-GS")
-
-
-def _sources() -> list[str]:
-    try:
-        done = subprocess.run(["git", "ls-files"], cwd=REPOSITORY, capture_output=True, text=True, check=True)
-    except (OSError, subprocess.CalledProcessError):
-        pytest.skip("needs a git checkout")
-    names = [name for name in done.stdout.splitlines() if name.endswith(ENDINGS) and name not in WITH_INVENTED_RULES]
-    return [name for name in names if name != "tests/test_citations.py" and (REPOSITORY / name).is_file()]
 
 
 def cited_sections(text: str) -> list[tuple[str, str]]:
@@ -58,14 +47,14 @@ def test_citations_are_told_apart() -> None:
 
 def test_cited_rules_exist() -> None:
     """A rule that was renumbered in SPEC.md is renumbered everywhere."""
-    cited = {(name, rule) for name in _sources() for rule in RULE.findall((REPOSITORY / name).read_text("utf-8"))}
+    cited = {(name, rule) for name in NAMES for rule in RULE.findall((REPOSITORY / name).read_text("utf-8"))}
     assert len(cited) > 450
     assert sorted(one for one in cited if one[1] not in RULES) == []
 
 
 def test_cited_sections_exist() -> None:
     known = {"SPEC": SECTIONS, "paper": PAPER}
-    cited = {(name, *one) for name in _sources() for one in cited_sections((REPOSITORY / name).read_text("utf-8"))}
+    cited = {(name, *one) for name in NAMES for one in cited_sections((REPOSITORY / name).read_text("utf-8"))}
     assert len(cited) > 450
     missing = [one for one in cited if one[1] in known and one[2] not in known[one[1]]]
     assert sorted(missing) == []
@@ -81,7 +70,7 @@ def test_files_named_in_code_exist() -> None:
     """Docstrings and comments send readers to files that are there; decision records may be named by number alone."""
     named = {
         (name, path)
-        for name in _sources()
+        for name in NAMES
         if not name.startswith(("tests/", "web/", "benchmarks/"))
         for path in PATH.findall((REPOSITORY / name).read_text("utf-8"))
     }

@@ -15,7 +15,8 @@ _MARKS = {True: ("#",), False: ("//", "/*", "*")}
 SHIPPED = ("scarfmt", "reference_decoder", "reference_encoder", "conformance", "fuzz", "benchmarks", "release")
 
 
-def _sources() -> list[str]:
+def sources(endings: tuple[str, ...]) -> list[str]:
+    """Names of the files of the repository with one of these endings."""
     try:
         done = subprocess.run(["git", "ls-files"], cwd=REPOSITORY, capture_output=True, text=True, check=True)
     except (OSError, subprocess.CalledProcessError):
@@ -23,11 +24,11 @@ def _sources() -> list[str]:
         found = [str(path) for path in inside if UNTRACKED.isdisjoint(path.parts)]
     else:
         found = done.stdout.splitlines()
-    chosen = [name for name in found if name.endswith(LANGUAGES)]
+    chosen = [name for name in found if name.endswith(endings)]
     return [name for name in chosen if (REPOSITORY / name).is_file()]
 
 
-SOURCES = _sources()
+SOURCES = sources(LANGUAGES)
 PYTHON = [name for name in SOURCES if name.endswith(".py")]
 
 

@@ -61,7 +61,9 @@ def parse_metadata(data: bytes, offset: int | None = None) -> dict[str, Any]:
     try:
         text = data.decode("utf-8")
         value = json.loads(text, parse_constant=_refuse_constant, parse_float=_finite, parse_int=_whole)
-        _refuse_lone_surrogates(text)
+        alone = next((found[1] for found in _ESCAPE.finditer(text) if found[1]), None)
+        if alone is not None:
+            raise ValueError(f"{alone} is half a surrogate pair")
     except ValueError as error:
         raise Malformed("bad-metadata", f"not JSON: {error}", offset=offset, field="METADATA") from error
     if not isinstance(value, dict):
@@ -140,9 +142,3 @@ def _whole(text: str) -> int:
     # At most 309 digits are left after this, fewer than interpreters refuse to convert.
     _finite(text)
     return int(text)
-
-
-def _refuse_lone_surrogates(text: str) -> None:
-    alone = next((found[1] for found in _ESCAPE.finditer(text) if found[1]), None)
-    if alone is not None:
-        raise ValueError(f"{alone} is half a surrogate pair")

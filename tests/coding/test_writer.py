@@ -70,14 +70,10 @@ def test_a_large_single_tile_comes_back(profile: Profile) -> None:
     assert same(found, scene.contents[0])
 
 
-def repeated_layer(scene: QuantisedScene) -> QuantisedScene:
-    """The scene with its last layer row once more: a layer in which nothing happens."""
-    return replace(scene, model=replace(scene.model, layers=(*scene.model.layers, scene.model.layers[-1])))
-
-
 def test_a_layer_that_adds_nothing_has_no_tiles_and_no_tables() -> None:
     """Only its LAYER block, in both profiles unless masks have room to grow."""
-    scene = repeated_layer(random_scene(4, Profile.EXPLICIT, layers=2))
+    scene = random_scene(4, Profile.EXPLICIT, layers=2)
+    scene = replace(scene, model=replace(scene.model, layers=(*scene.model.layers, scene.model.layers[-1])))
     data = write_scene(scene)
     last = [block.kind for block in blocks_of(data) if block.layer == 3]
     assert last == [BlockKind.LAYER]
