@@ -156,7 +156,7 @@ class SceneReader:
         if not streams >= ALL_STREAMS:
             yield from ([(entry, None) for entry in entries] for entries in found)
             return
-        for batch in batches(found, _bytes_of, PREFETCH_BYTES):
+        for batch in batches(found, lambda row: sum(entry.length for entry in row if entry), PREFETCH_BYTES):
             entries = sorted({entry for row in batch for entry in row if entry is not None}, key=lambda e: e.offset)
             # Verified later, tile by tile: damage to one must not keep back those before it.
             payloads = dict(self.container.read_blocks(entries, verify=False))
@@ -238,10 +238,6 @@ class SceneReader:
             start, length = table[kind].start, table[kind].length
             out[start : start + length] = self.container.read_range(entry, start, length)
         return bytes(out)
-
-
-def _bytes_of(row: list[Entry | None]) -> int:
-    return sum(entry.length for entry in row if entry is not None)
 
 
 def batches(items: Iterable[T], size_of: Callable[[T], int], most: int) -> Iterator[list[T]]:
