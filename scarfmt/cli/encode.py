@@ -115,7 +115,7 @@ _ENDING = ".scar"
     "--effort",
     type=click.IntRange(min(EFFORTS), max(EFFORTS)),
     help="Time spent on a smaller file. 0: a draft, without a survey. 1: a survey from 96 places. 2: from twice as"
-    f" many, for files up to 3 % smaller [default: {DEFAULTS.effort}].",
+    f" many, for files up to 2 % smaller [default: {DEFAULTS.effort}].",
 )
 @click.option(
     "--corrections",
