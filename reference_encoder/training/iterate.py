@@ -5,6 +5,7 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
+from reference_encoder.training.exposure import expose, fit_exposure
 from reference_encoder.training.fixed_order import mean
 from reference_encoder.training.neural_gaussians import expand
 from reference_encoder.training.photo_store import View
@@ -46,7 +47,10 @@ def iterate(
     values = state.of_layer(rows, layer, now) if now.noisy or now.rounded else state.exact(rows)
     gaussians, owners, slots = expand(values, state.networks, eye, bits_a_weight)
     picture = rasterise(gaussians, camera, background)
-    loss = dissimilarity(picture.image, view.photo(state.device))
+    photo = view.photo(state.device)
+    if now.exposes:
+        fit_exposure(state.exposures, view.number, picture.image, photo)
+    loss = dissimilarity(expose(state.exposures, view.number, picture.image), photo)
     total = loss + _VOLUME_WEIGHT * mean(gaussians.scales.prod(dim=1))
     if state.vectors is not None and state.vectors.loss is not None:
         total = total + state.vectors.loss

@@ -31,10 +31,12 @@ class View:
     Attributes:
         camera: of the photo.
         read: gives its (H, W, 3) uint8 pixels, on the processor.
+        number: its place among the photos.
     """
 
     camera: Camera
     read: Callable[[], Tensor]
+    number: int = 0
 
     def photo(self, device: torch.device) -> Tensor:
         """(H, W, 3) uint8 on a device."""
@@ -55,7 +57,7 @@ def _halved(view: View) -> View:
         whole = Image.fromarray(view.read().numpy())
         return torch.from_numpy(np.array(whole.resize((camera.width, camera.height), Image.Resampling.BOX)))
 
-    return View(camera, read)
+    return View(camera, read, view.number)
 
 
 def store_photos(photos: Sequence[Photo], folder: Path | None) -> list[View]:
@@ -74,7 +76,7 @@ def store_photos(photos: Sequence[Photo], folder: Path | None) -> list[View]:
     stream = TemporaryFile(dir=folder)  # noqa: SIM115 - it lives as long as the views
     views = []
     for photo, picture in zip(photos, _decoded(photos), strict=True):
-        views.append(View(photo.camera, _reader(stream, stream.tell(), picture.shape)))
+        views.append(View(photo.camera, _reader(stream, stream.tell(), picture.shape), len(views)))
         stream.write(picture.tobytes())
     return views
 

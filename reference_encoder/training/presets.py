@@ -23,6 +23,7 @@ class Curriculum:
         noise: scaling and offsets are drawn with uniform noise of one step; after it they are rounded, with a
             straight-through gradient, and before it exact.
         rate: from the first number on geometry and masks cost their bits, in full from the second.
+        exposures_from: exposures of photos are fitted, and applied where they differ.
         layers_from: each iteration draws a layer; before, all of the scene is trained.
         injection: beta grows from 0 to 1; codebooks start at its beginning (paper: 10k to 30k of 40k).
         masks_until: from the start of `rate` to here it is decided again and again what each layer shows.
@@ -39,6 +40,7 @@ class Curriculum:
     pause: Span = (0.075, 0.1)
     noise: Span = (0.075, 0.75)
     rate: Span = (0.12, 0.3)
+    exposures_from: float = 0.1
     layers_from: float = 0.25
     masks_until: float = 0.85
     injection: Span = (0.25, 0.75)
@@ -58,6 +60,7 @@ class Moment:
         noisy, rounded: how scaling and offsets are drawn; exact if neither.
         rate: weight of the rate of geometry and masks, 0..1.
         masks: how much of the time in which masks are decided is over, 0..1.
+        exposes: whether exposures of photos are fitted.
         quantises: whether there are codebooks.
         beta: share of the quantised feature in the one that is drawn, 0..1.
         feature_gradient: what a feature gets of the picture's gradient past the quantiser; in the hard phase it
@@ -71,6 +74,7 @@ class Moment:
     rounded: bool
     rate: float
     masks: float
+    exposes: bool
     draws_layer: bool
     quantises: bool
     beta: float
@@ -97,6 +101,7 @@ def moment(curriculum: Curriculum, done: float) -> Moment:
         rounded=done >= curriculum.noise[1],
         rate=_risen(curriculum.rate, done),
         masks=masks,
+        exposes=done >= curriculum.exposures_from,
         draws_layer=done >= curriculum.layers_from,
         quantises=done >= curriculum.injection[0],
         beta=1.0 if hard else beta,

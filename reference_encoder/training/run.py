@@ -111,6 +111,7 @@ def make_trainer(capture: Capture, options: TrainOptions, folder: Path | None = 
         plan=plan,
         generator=torch.Generator().manual_seed(options.seed),
         extent=extent,
+        exposures=torch.zeros(len(views), 2, 3, device=device),
         vectors=_vq_features(preset, plan.count, options.seed, device),
     )
     pixel_count = sum(view.camera.width * view.camera.height for view in views)

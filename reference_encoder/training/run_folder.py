@@ -110,7 +110,7 @@ State = dict[str, Any]
 as one likes."""
 
 KEPT = 2
-_LAYOUT = 4
+_LAYOUT = 5
 """Which parts a state has: one more whenever those change, so that no training goes on from parts it lacks."""
 _NAME = re.compile(r"checkpoint-(\d{8})\.pt")
 

@@ -15,6 +15,7 @@ import torch
 from torch import Tensor
 
 from reference_encoder.training.anchors import SLOTS
+from reference_encoder.training.exposure import expose
 from reference_encoder.training.fixed_order import mean, total
 from reference_encoder.training.neural_gaussians import expand
 from reference_encoder.training.photo_store import View
@@ -91,8 +92,9 @@ def measure_importance(state: State, views: Sequence[View], background: Tensor) 
         if opacities.grad is not None:
             flat = rows[owners] * SLOTS + slots
             seen.energy.view(-1)[flat] += (opacities.grad * opacities.detach()) ** 2 / image.numel()
-        losses += float(dissimilarity(image.detach(), photo))
-        errors += float(mean((image.detach() - intensities(photo)) ** 2))
+        exposed = expose(state.exposures, view.number, image.detach())
+        losses += float(dissimilarity(exposed, photo))
+        errors += float(mean((exposed - intensities(photo)) ** 2))
     # L1 and 1 - SSIM grow like the root of the squared error.
     slope = losses / (2 * max(errors, 1e-12))
     seen.looked += len(views)

@@ -56,6 +56,7 @@ class State:
         plan: layers.
         generator: of choices, on the processor; `noise`: of many numbers, on the device (`device.noise_generator`).
         extent: of the cameras, world units.
+        exposures: (n, 2, 3) gains less 1 and offsets of the photos (:mod:`exposure`).
         vectors: codewords that carry features, None where latents are sent number by number.
         around: (N, columns) what neighbours had when last looked at; zeros for anchors that came since.
     """
@@ -72,6 +73,7 @@ class State:
     generator: torch.Generator
     noise: torch.Generator = field(init=False)
     extent: float
+    exposures: Tensor
     vectors: VqFeatures | None = None
     around: Tensor | None = None
 
@@ -170,6 +172,7 @@ class State:
             "noise": None if self.noise is self.generator else [self.device.type, self.noise.get_state()],
             "vectors": None if self.vectors is None else self.vectors.checkpoint(),
             "around": self.around,
+            "exposures": self.exposures,
         }
 
     @torch.no_grad()
@@ -186,6 +189,7 @@ class State:
         self.generator.set_state(saved["generator"])
         self._resume_noise(saved.get("noise"))
         self.around = None if saved["around"] is None else saved["around"].to(self.device)
+        self.exposures.copy_(saved["exposures"])
         if self.vectors is not None:
             self.vectors.resume(saved["vectors"])
 

@@ -45,6 +45,7 @@ def state(count: int = 40, layers: int = 3, vectors: bool = False, seed: int = 0
         plan=LayerPlan.of(layers, LAST_LAYER),
         generator=generator,
         extent=2.0,
+        exposures=torch.zeros(1, 2, 3),
         vectors=VqFeatures(quantiser, (1, 1, 2)[:layers]) if vectors else None,
     )
     made.start_widths()
