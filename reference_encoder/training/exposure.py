@@ -7,6 +7,8 @@ still lack.
 
 from __future__ import annotations
 
+import math
+
 import torch
 from torch import Tensor
 
@@ -44,7 +46,7 @@ def fit_exposure(exposures: Tensor, number: int, picture: Tensor, photo: Tensor)
 
 def spread(exposures: Tensor) -> float:
     """Root mean squared change of middle grey by (n, 2, 3) exposures, relative."""
-    return float(mean((exposures[:, 0] + 2 * exposures[:, 1]) ** 2)) ** 0.5
+    return math.sqrt(float(mean((exposures[:, 0] + 2 * exposures[:, 1]) ** 2)))
 
 
 def expose(exposures: Tensor, number: int, picture: Tensor) -> Tensor:
@@ -52,4 +54,5 @@ def expose(exposures: Tensor, number: int, picture: Tensor) -> Tensor:
     if spread(exposures) < LIMIT:
         return picture
     gain, offset = exposures[number]
-    return picture * (1 + gain) + offset
+    exposed: Tensor = picture * (1 + gain) + offset
+    return exposed

@@ -74,7 +74,7 @@ def store_photos(photos: Sequence[Photo], folder: Path | None) -> list[View]:
     if folder is not None:
         folder.mkdir(parents=True, exist_ok=True)
     stream = TemporaryFile(dir=folder)  # noqa: SIM115 - it lives as long as the views
-    views = []
+    views: list[View] = []
     for photo, picture in zip(photos, _decoded(photos), strict=True):
         views.append(View(photo.camera, _reader(stream, stream.tell(), picture.shape), len(views)))
         stream.write(picture.tobytes())
