@@ -24,6 +24,7 @@ from reference_encoder.training.capture import Capture
 from reference_encoder.training.densification import AnchorStatistics
 from reference_encoder.training.device import reproducible, run_device
 from reference_encoder.training.evaluate import draw, quality
+from reference_encoder.training.exposure import spread
 from reference_encoder.training.fixed_order import one_thread
 from reference_encoder.training.index_entropy import JointIndexModel
 from reference_encoder.training.layers import LayerPlan
@@ -222,7 +223,7 @@ class Run:
             if self.displacement is None and self._settled():
                 self.displacement = self._displacement()
                 warn_of_displacement(self.displacement)
-            figures |= {"displacement": self.displacement}
+            figures |= {"displacement": self.displacement, "exposure_spread": spread(trainer.state.exposures)}
             self._expect()
             if trainer.joint is not None:
                 figures |= {"index_bits_an_anchor": trainer.index_bits, "hash_bits": trainer.joint.hash_bits}
