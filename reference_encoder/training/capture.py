@@ -28,6 +28,7 @@ from reference_encoder.training.photo_files import (
     wrong_capture,
 )
 from reference_encoder.training.poses import pose_photos, undistort_photos
+from reference_encoder.training.video import is_video, pick_frames
 from scarfmt.arrays import F64, U8
 from scarfmt.coding.writer import Report, silent
 from scarfmt.errors import InputWarning, InvalidInput
@@ -142,11 +143,12 @@ def load_capture(
 
     Args:
         path: what :func:`scarfmt.load_cameras` reads, with the photos beside it, by the names it gives or in `images/`;
-            or a folder of photos alone, whose poses are found (extra ``poses``).
+            or a folder of photos alone, whose poses are found (extra ``poses``); or a video, of which about 150 frames
+            are such photos (extra ``video``).
         resolution: longest side of the photos, pixels: larger ones are filtered down to it; None for as they are.
         hold_out: every so manieth photo is for tests, unless the file says which are; 0 for none at all.
-        workspace: folder for photos made anew because their lens distorts or their poses were found; it has to stay as
-            long as the capture is used, and is read again instead of working again.
+        workspace: folder for frames of a video, and photos made anew because their lens distorts or their poses were
+            found; it has to stay as long as the capture is used, and is read again instead of working again.
         report: called with (stage, part done).
 
     Raises:
@@ -161,9 +163,11 @@ def load_capture(
     """
     started = time.monotonic()
     _check(resolution, hold_out)
+    path, place = Path(path), None if workspace is None else Path(workspace)
+    path = pick_frames(path, place, report) if is_video(path) else path
     report("read the photos", 0.0)
-    read = _posed if bare_photos(Path(path)) else _listed
-    photos, points = read(Path(path), None if workspace is None else Path(workspace), report)
+    read = _posed if bare_photos(path) else _listed
+    photos, points = read(path, place, report)
     photos = _split(path, sorted(photos, key=lambda photo: photo.camera.name), hold_out)
     sized = tuple(_sized(photo, resolution) for photo in photos)
     if points is None or not len(points):

@@ -37,8 +37,9 @@ from scarfmt.scene.rotation import quaternion_from_matrix
 UNDISTORTED = "undistorted"
 INPUT, MODEL, PAIRS = "input", "model", "pairs.txt"
 _UPRIGHT = "upright"
+_LIST = "cameras.json"
 _SOURCE = "source.txt"
-_MAKING = 3
+_MAKING = 4
 """How photos are made: one more whenever that changes, so that none are kept that were made otherwise."""
 _THUMBNAIL = (24, 16)
 _ALIKE = 10
@@ -64,14 +65,15 @@ def undistort_photos(
     Raises:
         InvalidInput: ``input-dependency``, ``input-capture``; ``input-options``: there is no workspace.
     """
-    place = _workplace(path, "its lenses distort; to undistort the photos", workspace)
+    place = workplace(path, "its lenses distort; to undistort the photos", workspace)
 
     def make(folder: Path) -> None:
         names = _staged(folder, files, [""] * len(files))
         _write_model(folder / MODEL, views, names)
         _run("undistort", folder, path, report)
+        _tidy(folder)
 
-    folder, made = _once(place, _source(files, repr(views)), make), []
+    folder, made = make_once(place, UNDISTORTED, describe_files(files, repr(views)), make), []
     for camera in load_cameras(folder):
         view = views[_number(camera)]
         made.append((replace(camera, name=view.name, split=view.split), folder / "images" / camera.name))
@@ -83,7 +85,7 @@ def pose_photos(path: Path, files: Sequence[Path], workspace: Path | None, repor
 
     Arguments and errors are those of :func:`undistort_photos`; photos whose pose is not found are left out.
     """
-    place = _workplace(path, "there are photos but no poses; to find these", workspace)
+    place = workplace(path, "there are photos but no poses; to find these", workspace)
 
     def make(folder: Path) -> None:
         upright = upright_photos(files, folder / _UPRIGHT)
@@ -93,43 +95,58 @@ def pose_photos(path: Path, files: Sequence[Path], workspace: Path | None, repor
         names = _staged(folder, upright, [f"{kinds.index(size)}/" for size in sizes])
         (folder / PAIRS).write_text(_pairs_alike(upright, names))
         _run("poses", folder, path, report)
-        count = len(load_cameras(folder))
-        if count < max(2, _LEAST_PART * len(files)):
-            message = f"poses were found for {count} of {len(files)} photos only; more photos have to overlap more"
-            raise wrong_capture(path, message)
+        cameras = load_cameras(folder)
+        if len(cameras) < max(2, _LEAST_PART * len(files)):
+            message = f"poses were found for {len(cameras)} of {len(files)} photos only"
+            raise wrong_capture(path, f"{message}; more photos have to overlap more")
+        _name_as_given(folder, cameras, files)
+        _tidy(folder)
 
-    folder = _once(place, _source(files, "poses"), make)
-    cameras = load_cameras(folder)
-    points = load_points(folder)
+    folder = make_once(place, UNDISTORTED, describe_files(files, "poses"), make)
+    points = load_points(folder / "sparse")
     assert points is not None
-    photos = [folder / "images" / camera.name for camera in cameras]
-    named = [replace(camera, name=files[_number(camera)].name) for camera in cameras]
-    return list(zip(named, photos, strict=True)), points
+    return [(camera, folder / "images" / camera.name) for camera in load_cameras(folder)], points
 
 
-def _workplace(path: Path, purpose: str, workspace: Path | None) -> Path:
-    if importlib.util.find_spec("pycolmap") is None:
-        raise InvalidInput("input-dependency", f"{path}: {purpose}: pip install 'scarfmt[poses]'")
+def _name_as_given(folder: Path, cameras: Sequence[Camera], files: Sequence[Path]) -> None:
+    """Give new photos the names of those they were made from, and list them: `compare --photos` goes by names."""
+    numbered = (folder / "images").rename(folder / "numbered")
+    (folder / "images").mkdir()
+    entries = []
+    for camera in cameras:
+        name = files[_number(camera)].name
+        os.replace(numbered / camera.name, folder / "images" / name)
+        lens = {"fx": camera.fx, "fy": camera.fy, "cx": camera.cx, "cy": camera.cy}
+        pose = {"world_to_camera": camera.world_to_camera.tolist()}
+        entries.append({"name": name, "W": camera.width, "H": camera.height} | lens | pose)
+    (folder / _LIST).write_text(json.dumps({"images": entries}))
+
+
+def workplace(
+    path: Path, purpose: str, workspace: Path | None, package: str = "pycolmap", extra: str = "poses"
+) -> Path:
+    """The workspace, once there is one and the package of an extra; the purpose is told where something is missing."""
+    if importlib.util.find_spec(package) is None:
+        raise InvalidInput("input-dependency", f"{path}: {purpose}: pip install 'scarfmt[{extra}]'")
     if workspace is None:
         message = f"{path}: {purpose}, give a workspace to put new photos into"
         raise InvalidInput("input-options", message, field="workspace")
     return workspace
 
 
-def _once(workspace: Path, source: str, make: Callable[[Path], None]) -> Path:
+def make_once(workspace: Path, name: str, source: str, make: Callable[[Path], None]) -> Path:
     """The folder that `make` fills, whole or not at all; one that is there from the same source is taken as it is."""
-    target = workspace / UNDISTORTED
+    target = workspace / name
     if (target / _SOURCE).is_file() and (target / _SOURCE).read_text() == source:
         return target
     new = not workspace.exists()
     workspace.mkdir(parents=True, exist_ok=True)
-    for killed in workspace.glob(f".{UNDISTORTED}.*.part"):
+    for killed in workspace.glob(f".{name}.*.part"):
         shutil.rmtree(killed, ignore_errors=True)
-    temporary = workspace / f".{UNDISTORTED}.{secrets.token_hex(6)}.part"
+    temporary = workspace / f".{name}.{secrets.token_hex(6)}.part"
     try:
         temporary.mkdir()
         make(temporary)
-        _tidy(temporary)
         (temporary / _SOURCE).write_text(source)
         shutil.rmtree(target, ignore_errors=True)
         os.replace(temporary, target)
@@ -147,11 +164,11 @@ def _tidy(folder: Path) -> None:
     for path in folder.iterdir():
         if path.is_dir() and path.name not in ("images", "sparse"):
             shutil.rmtree(path)
-        elif not path.is_dir():
+        elif not path.is_dir() and path.name != _LIST:
             path.unlink()
 
 
-def _source(files: Sequence[Path], more: str) -> str:
+def describe_files(files: Sequence[Path], more: str) -> str:
     """A text that changes with the photos, or with what else goes in.
 
     Dates are left out: poses that are found again differ a little, and a training goes on with the same ones only. So
