@@ -29,7 +29,7 @@ $(DEMO): $(SOURCES)
 $(STAMP): $(SOURCES) conformance/suite/pyproject.toml
 	test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
 	$(BIN)/python -m pip install --quiet 'torch==2.13.0'
-	$(BIN)/python -m pip install --quiet --editable '.[train,heic,render,http,import,cluster,usd,dev]'
+	$(BIN)/python -m pip install --quiet --editable '.[train,heic,video,render,http,import,cluster,usd,dev]'
 	$(BIN)/python -m pip install --quiet --no-deps --editable conformance/suite
 	touch $(DEMO) $(STAMP)
 

@@ -11,6 +11,7 @@ import warnings
 from collections.abc import Iterable, Iterator
 from itertools import groupby
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from PIL import Image
@@ -27,8 +28,9 @@ _COUNT, _FEWEST = 150, 20
 """Frames that are taken of a video, and that it has to have."""
 _LEAST_WINDOW, _USUAL_WINDOW = 0.1, 0.5
 """Seconds of which one frame is taken: at least, and where the video does not say how long it is."""
-_STILL = 1.0
-"""Mean difference of two small grey frames up to which they show the same, of 255: the camera stands."""
+_STILL = 2.0
+"""Mean difference of two small grey frames, of 255, up to which the camera stands: about a 300th of a frame's width.
+Six seconds of it among twelve made finding poses take 2.6 times as long (2026-11-29)."""
 _WHOLE = 0.9
 """Part of the time it states that a video lasts at least, or it is cut short."""
 _QUALITY = 95
@@ -58,8 +60,8 @@ def pick_frames(path: Path, workspace: Path | None, report: Report) -> Path:
     Warns:
         LossWarning: the video is cut short.
     """
-    workplace(path, "to find poses of its frames", workspace)
     place = workplace(path, "to pick frames of it", workspace, "cv2", "video")
+    workplace(path, "to find poses of its frames", workspace)
 
     def make(folder: Path) -> None:
         for second, picture in moving(_sharp_frames(path, report)):
@@ -73,12 +75,18 @@ def pick_frames(path: Path, workspace: Path | None, report: Report) -> Path:
     return make_once(place, FRAMES, describe_files([path], "frames"), make)
 
 
-def _sharp_frames(path: Path, report: Report) -> Iterator[Frame]:
-    """The sharpest frame of each stretch of time."""
+def opencv() -> Any:
+    """OpenCV, without what it and FFmpeg print: errors say it."""
     os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")
     import cv2
 
-    cv2.setLogLevel(0)
+    cv2.utils.logging.setLogLevel(0)
+    return cv2
+
+
+def _sharp_frames(path: Path, report: Report) -> Iterator[Frame]:
+    """The sharpest frame of each stretch of time."""
+    cv2 = opencv()
     video = cv2.VideoCapture(str(path.absolute()), cv2.CAP_FFMPEG)
     rate, count = video.get(cv2.CAP_PROP_FPS), video.get(cv2.CAP_PROP_FRAME_COUNT)
     length = count / rate if rate > 0 and count > 0 else 0.0
@@ -96,7 +104,7 @@ def _sharp_frames(path: Path, report: Report) -> Iterator[Frame]:
     video.release()
     if last < 0:
         raise wrong_capture(path, "has no frame that can be read; copy it again, or save it as MP4 with H.264")
-    if last < _WHOLE * length - 1 / rate:
+    if last < _WHOLE * length - window:
         message = f"{path}: ends after {last:.0f} s of the {length:.0f} s it states: it is damaged or cut short"
         warnings.warn(message, LossWarning, stacklevel=2)
 

@@ -99,7 +99,7 @@ def test_photos_alone_get_poses_and_points(colmap: Colmap, photos: Path, tmp_pat
     assert load_capture(photos, workspace=tmp_path / "run").digest == first.digest
     assert colmap.asked == ["poses"]
     made = tmp_path / "run" / poses.UNDISTORTED
-    assert sorted(path.name for path in made.iterdir()) == ["images", "source.txt", "sparse"]
+    assert sorted(path.name for path in made.iterdir()) == ["cameras.json", "images", "source.txt", "sparse"]
     Image.new("RGB", (WIDTH, HEIGHT), (9, 90, 9)).save(photos / "photo0.png")
     load_capture(photos, workspace=tmp_path / "run")
     assert colmap.asked == ["poses", "poses"]
