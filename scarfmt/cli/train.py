@@ -143,14 +143,14 @@ def train(capture: str, output: str, folder: str | None, force: bool, quiet: boo
     """Train the .scar file OUTPUT from the photos CAPTURE.
 
     CAPTURE is a folder: of COLMAP, with a transforms.json (Nerfstudio, Blender), with a cameras.json of this project,
-    or of photos alone. For photos alone, the command finds the poses first. After an interruption the same command
+    or of photos alone; or a video. Without poses, the command finds them first. After an interruption the same command
     continues. Ctrl-C ends training early and writes the best file so far. A second Ctrl-C aborts.
 
     \b
     Examples:
       scarfmt train capture/ scene.scar
       scarfmt train capture/ scene.scar --minutes 10 --resolution 640
-      scarfmt train photos/ small.scar --lambda 4 --layers 3
+      scarfmt train clip.mp4 small.scar --lambda 4 --layers 3
       scarfmt train capture/ scene.scar --preset paper --run runs/paper
     """
     started = time.monotonic()
@@ -161,12 +161,13 @@ def train(capture: str, output: str, folder: str | None, force: bool, quiet: boo
     run = _run_folder(output) if folder is None else Path(folder)
     if slice_minutes is not None and run is None:
         raise click.UsageError("--slice-minutes needs a folder for checkpoints: give --run")
-    with warnings_on_stderr(quiet), progress(quiet) as report, _workspace(run) as workspace:
-        photos = _read(capture, resolution, HOLD_OUT if hold_out is None else hold_out, workspace, report)
+    with warnings_on_stderr(quiet), _workspace(run) as workspace:
+        with progress(quiet) as report:
+            photos = _read(capture, resolution, HOLD_OUT if hold_out is None else hold_out, workspace, report)
         photos = replace(photos, seconds=time.monotonic() - started)
         if not quiet:
             _print_capture(photos)
-        with _stoppable(quiet) as stop:
+        with progress(quiet) as report, _stoppable(quiet) as stop:
             trained = _train(photos, options, run, quiet, report, stop, leave)
             with open_output(output, force) as target:
                 target.write(trained.data)
