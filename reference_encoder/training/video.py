@@ -78,9 +78,9 @@ def pick_frames(path: Path, workspace: Path | None, report: Report) -> Path:
 def opencv() -> Any:
     """OpenCV, without what it and FFmpeg print: errors say it."""
     os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")
+    os.environ.setdefault("OPENCV_LOG_LEVEL", "SILENT")
     import cv2
 
-    cv2.utils.logging.setLogLevel(0)
     return cv2
 
 
