@@ -15,9 +15,9 @@ from torch import Tensor
 from reference_encoder.training.fixed_order import mean, sum_over_rows
 from reference_encoder.training.similarity import intensities
 
-LIMIT = 0.1
-"""Root mean squared change of middle grey, relative, from which on exposures are applied: 0.02 to 0.06 are found of
-captures of one exposure, 0.2 of gains between 0.7 and 1.4."""
+LIMIT = 0.06
+"""Root mean squared change of middle grey, relative, from which on exposures are applied: 0.02 to 0.03 are found of
+captures that hardly differ, 0.2 of gains between 0.7 and 1.4."""
 _SHRINKAGE = 0.01
 """Price of squared gains and offsets, in squared errors of a pixel."""
 _PACE = 0.3
