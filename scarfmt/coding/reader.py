@@ -244,11 +244,12 @@ def batches(items: Iterable[T], size_of: Callable[[T], int], most: int) -> Itera
     """Consecutive items whose sizes are at most so much together, or one item."""
     batch, size = list[T](), 0
     for item in items:
-        if batch and size + size_of(item) > most:
+        more = size_of(item)
+        if batch and size + more > most:
             yield batch
             batch, size = [], 0
         batch.append(item)
-        size += size_of(item)
+        size += more
     if batch:
         yield batch
 
