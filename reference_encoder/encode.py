@@ -104,7 +104,7 @@ def encode(
     streaming = build_streaming_block(quantised, drawn, opening)
     quantised = replace(quantised, metadata={"quality": quality.figures(), **quantised.metadata}, streaming=streaming)
     blocks = code_blocks(quantised, report)
-    blocks += thumbnail_blocks(judge.view(drawn), opening, blocks)
+    blocks += thumbnail_blocks(judge.view(drawn), opening, sum(len(block.payload) for block in blocks))
     encoded = Encoded(assemble_file(quantised, blocks))
     encoded.quality = quality
     return encoded

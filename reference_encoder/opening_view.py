@@ -156,14 +156,14 @@ def middle_camera(cameras: Sequence[Camera]) -> Camera:
     return cameras[int(np.argmin(reached))]
 
 
-def thumbnail_blocks(view: Callable[[Camera], F32], camera: Camera, blocks: Sequence[Block]) -> list[Block]:
+def thumbnail_blocks(view: Callable[[Camera], F32], camera: Camera, size: int) -> list[Block]:
     """The block of a file, or none: a small file has no room for one, and without Pillow there is none.
 
     Args:
         view: draws what a decoder makes of the file.
-        blocks: all others of the file.
+        size: bytes of all other blocks.
     """
-    most = min(int(THUMBNAIL_PART * sum(len(block.payload) for block in blocks)), THUMBNAIL_MOST)
+    most = min(int(THUMBNAIL_PART * size), THUMBNAIL_MOST)
     picture = draw_thumbnail(view, camera, most) if most >= THUMBNAIL_LEAST else None
     return [] if picture is None else [Block(BlockKind.THUMBNAIL, 1, picture)]
 

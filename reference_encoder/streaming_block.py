@@ -29,13 +29,16 @@ def build_streaming_block(
         drawn: what a decoder makes of them, in file order.
         opening: the view to begin with.
     """
-    low, middle, high = np.percentile(place_anchors(drawn).positions, (10, 50, 90), axis=0)
+    return Streaming(*measure_boxes(scene, drawn), describe_view(opening, place_anchors(drawn).positions))
+
+
+def describe_view(opening: Camera, positions: F64) -> View:
+    """The view of a camera on (N, 3) `positions`: it looks at what is as far ahead as the middle of these."""
+    low, middle, high = np.percentile(positions, (10, 50, 90), axis=0)
     forward, down = opening.world_to_camera[2, :3], opening.world_to_camera[1, :3]
-    # It looks at what is as far ahead as the middle of the scene.
     ahead = max(float((middle - opening.centre) @ forward), 0.05 * float(np.linalg.norm(high - low)), 1e-6)
     field = 2 * math.atan(opening.height / (2 * opening.fy))
-    view = View(opening.centre, opening.centre + ahead * forward, -down, field)
-    return Streaming(*_boxes(scene, drawn), view)
+    return View(opening.centre, opening.centre + ahead * forward, -down, field)
 
 
 def place_anchors(scene: GaussianScene | AnchorModel) -> GaussianScene:
@@ -58,8 +61,8 @@ def _extents(drawn: GaussianScene | AnchorModel) -> tuple[F64, F64]:
     return extents, extents**2
 
 
-def _boxes(scene: QuantisedScene, drawn: GaussianScene | AnchorModel) -> tuple[Levels, Levels, Levels]:
-    """Corners (T, 3), (T, 3) and reaches (T,) as the block has them."""
+def measure_boxes(scene: QuantisedScene, drawn: GaussianScene | AnchorModel) -> tuple[Levels, Levels, Levels]:
+    """Corners (T, 3), (T, 3) and reaches (T,) of tiles as the block has them; arguments as of the block."""
     every = cubes(scene.fields, tile_table(scene.tiles))
     corner, side = every[:, :3], every[:, 3] - every[:, 0]
     tiles, positions, (extents, weight) = len(side), place_anchors(drawn).positions, _extents(drawn)

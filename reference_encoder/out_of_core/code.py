@@ -92,6 +92,11 @@ def build_models(
     return Models(tuple(tables), tuple(blocks), found.anchors)
 
 
+def add_blocks(models: Models, blocks: Sequence[Block]) -> Models:
+    """The models with other blocks that belong to no tile, in file order."""
+    return replace(models, blocks=tuple(sorted((*models.blocks, *blocks), key=lambda block: (block.layer, block.kind))))
+
+
 def describe_encode(overview: Overview, found: Histograms) -> dict[str, Any]:
     """JSON-able member of METADATA: how the scene was looked at, and what of it is not in the file as it was."""
     *left_out, plain = (int(count) for count in found.losses)

@@ -13,7 +13,7 @@ from reference_encoder.judge.quality import Quality
 from reference_encoder.options import DEFAULT_RANGE, EncodeOptions
 from reference_encoder.out_of_core import tasks
 from reference_encoder.out_of_core.bins import write_index
-from reference_encoder.out_of_core.code import write_file
+from reference_encoder.out_of_core.code import add_blocks, write_file
 from reference_encoder.out_of_core.fit import Fit
 from reference_encoder.out_of_core.fit_scene import fit_scene
 from reference_encoder.out_of_core.judge import combine_quality
@@ -53,6 +53,7 @@ SHARES = {
     "apply": 0.3,
     "reduce": 0.008,
     "code": 0.06,
+    "opening": 0.001,
     "merge": 0.0015,
 }
 """Part of the time that each step takes of ten million Gaussians at effort 1, in the order of the steps."""
@@ -166,8 +167,11 @@ class _Chain:
         metadata = {"quality": quality.figures(), **bounds.description.metadata()}
         self._each("reduce", tasks.build_models, [(self.work, metadata)])
         rows = self._each("code", tasks.code_range, [(self.work, number) for number in numbers])
+        models = self.work.get(tasks.MODELS)
+        size = sum(int(each.stream_bytes.sum()) for each in rows) + sum(len(block.payload) for block in models.blocks)
+        [blocks] = self._each("opening", tasks.make_opening_blocks, [(self.work, size)])
         self.report("merge", 0.0)
-        size = write_file(self.work, fit.fields, self.work.get(tasks.MODELS), rows, target)
+        size = write_file(self.work, fit.fields, add_blocks(models, blocks), rows, target)
         return Done(quality, bounds.count, size)
 
     def _each(self, step: str, function: Callable[..., T], calls: Sequence[tuple[Any, ...]], name: str = "") -> list[T]:

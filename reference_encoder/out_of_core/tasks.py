@@ -13,14 +13,15 @@ import numpy as np
 
 from reference_encoder.importance.view_sampling import ViewSet
 from reference_encoder.options import EncodeOptions
-from reference_encoder.out_of_core import bins, code, judge, measure, overview
+from reference_encoder.out_of_core import bins, code, judge, measure, opening, overview
 from reference_encoder.out_of_core.fit import Fit, apply
 from reference_encoder.out_of_core.overview import Overview
 from reference_encoder.out_of_core.source import Chunk
 from reference_encoder.out_of_core.types import Bounds, Histograms, Models, Range, Rows
 from reference_encoder.out_of_core.work_dir import WorkDir, file_name, file_version
 from scarfmt.arrays import F64, I64, U8
-from scarfmt.scene.gaussians import GaussianScene
+from scarfmt.container.file import Block
+from scarfmt.scene.gaussians import GaussianScene, concatenate
 
 SCENE, OVERVIEW, FIT, MODELS = "scene", "overview", "fit", "models"
 """Names of files of which there is one."""
@@ -114,13 +115,14 @@ def judge_range(work: WorkDir, number: int, fit: str, view_set: ViewSet) -> F64:
 
 
 def apply_range(work: WorkDir, number: int) -> None:
-    """Decide all integers of a range; keep its symbols, and how often each comes."""
+    """Decide all integers of a range; keep its symbols, how often each comes, and the boxes of its tiles."""
     part, rows = _range(work, number)
     fit: Fit = read_cached(work, FIT)
-    content = apply(_overview(work), fit, part, rows, work.get(file_name("measured", number)))
-    counted, symbols = code.count_symbols(*content)
+    scene, losses = apply(_overview(work), fit, part, rows, work.get(file_name("measured", number)))
+    counted, symbols = code.count_symbols(scene, losses)
     work.put(file_name("symbols", number), symbols)
     work.put(file_name("histograms", number), counted)
+    work.put(file_name("boxes", number), opening.measure_range_boxes(scene))
 
 
 def build_models(work: WorkDir, metadata: dict[str, Any]) -> None:
@@ -141,3 +143,11 @@ def code_range(work: WorkDir, number: int) -> Rows:
             layers.append(rows)
             sizes.append(stream_bytes)
     return Rows(symbols[0], tuple(layers), np.stack(sizes))
+
+
+def make_opening_blocks(work: WorkDir, size: int) -> tuple[Block, ...]:
+    """The blocks that a client begins with, of a file whose other blocks have so many bytes."""
+    numbers = range(len(_scene(work).ranges))
+    sample = concatenate([work.get(file_name("summaries", number))[0] for number in numbers])
+    boxes = opening.join_boxes([work.get(file_name("boxes", number)) for number in numbers])
+    return opening.make_opening_blocks(_overview(work), sample, boxes, size)

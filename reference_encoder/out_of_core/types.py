@@ -11,9 +11,11 @@
     fit            all samples   Fit           all that is decided for the whole scene, at one lambda
     judge          those ranges  errors        of pictures of a range under a Fit, by which lambda is corrected
     apply          each range    Histograms    tiles and all integers of the range; how often each symbol comes under
-                                 RangeSymbols  each table; and the symbols
+                                 RangeSymbols  each table; the symbols; and where content is in tiles
     reduce         all of these  Models        static tables, and the model blocks of every layer
-    code, merge    each range    Rows          TILE blocks, and the file
+    code           each range    Rows          TILE blocks
+    opening        all summaries blocks        where content is in all tiles; the first view, and a picture of it
+    merge          all of these  the file
 
 A step of a range is a pure function of its arguments: which process runs it, and when, changes nothing. Everything
 here is made of arrays, numbers and tuples, so that it can be kept in files. Memory of a step is bounded by its range.

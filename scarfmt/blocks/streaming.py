@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scarfmt.arrays import F64
 from scarfmt.blocks.declare import U8, U32, Check, Record, Rule, Scope, array, build, read
 from scarfmt.blocks.spec import BlockSpec
-from scarfmt.container.file import Container, Entry
+from scarfmt.container.file import Block, Container, Entry
 from scarfmt.container.registries import BlockFlag, BlockKind
 from scarfmt.errors import Malformed, ScarError
 
@@ -107,6 +107,11 @@ def pack_streaming(streaming: Streaming) -> bytes:
         "reach": streaming.reach,
     }
     return build(STREAMING, fields)
+
+
+def streaming_block(streaming: Streaming) -> Block:
+    """The STREAMING block with these values."""
+    return Block(BlockKind.STREAMING, 1, pack_streaming(streaming), count=streaming.tiles)
 
 
 def unpack_streaming(payload: bytes) -> Streaming:

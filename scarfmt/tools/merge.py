@@ -13,7 +13,7 @@ from typing import BinaryIO
 import numpy as np
 
 from scarfmt.arrays import I64, U64
-from scarfmt.blocks.streaming import Streaming, pack_streaming, read_streaming
+from scarfmt.blocks.streaming import Streaming, read_streaming, streaming_block
 from scarfmt.container.directory import Table
 from scarfmt.container.file import Block, Container, HeaderFields, directory_row
 from scarfmt.container.schema import ENTRY_DTYPE, BlockKind, Stream
@@ -135,11 +135,6 @@ def _streaming(files: Sequence[Container], order: I64) -> Block | None:
     low, high, reach = (np.concatenate([getattr(part, name) for part in parts])[order] for name in _BOXES)
     same_view = len({str(part.view) for part in parts}) == 1
     return streaming_block(Streaming(low, high, reach, parts[0].view if same_view else None))
-
-
-def streaming_block(streaming: Streaming) -> Block:
-    """The STREAMING block with these values."""
-    return Block(BlockKind.STREAMING, 1, pack_streaming(streaming), count=streaming.tiles)
 
 
 def model_bytes(rows: Table, layers: int) -> list[int]:

@@ -12,7 +12,7 @@ from typing import BinaryIO
 import numpy as np
 
 from scarfmt.arrays import I64
-from scarfmt.blocks.streaming import Streaming, read_streaming
+from scarfmt.blocks.streaming import Streaming, read_streaming, streaming_block
 from scarfmt.coding.reader import SceneReader
 from scarfmt.container.directory import Table
 from scarfmt.container.file import Container, directory_row
@@ -21,7 +21,7 @@ from scarfmt.container.source import ByteSource
 from scarfmt.container.substreams import MAX_TABLE_SIZE, unpack_table
 from scarfmt.errors import InvalidInput, plural
 from scarfmt.tools.assemble import Plan, entry_of, ordered
-from scarfmt.tools.merge import model_bytes, streaming_block
+from scarfmt.tools.merge import model_bytes
 
 
 def even_parts(container: Container, parts: int) -> list[I64]:

@@ -10,7 +10,6 @@ from PIL import Image
 
 from reference_encoder.opening_view import draw_thumbnail, thumbnail_blocks
 from scarfmt.arrays import F32
-from scarfmt.container.file import Block
 from scarfmt.container.schema import BlockKind
 from scarfmt.render.camera import Camera, look_at
 
@@ -21,10 +20,6 @@ def _waves(camera: Camera) -> F32:
     """A picture with some detail in it."""
     y, x = np.mgrid[: camera.height, : camera.width] * (5 / camera.width)
     return np.stack([0.5 + 0.5 * np.sin(x + k) * np.cos(y * (1 + k)) for k in range(3)], axis=2).astype(np.float32)
-
-
-def _blocks(size: int) -> list[Block]:
-    return [Block(BlockKind.LAYER, 1, bytes(size))]
 
 
 @pytest.mark.parametrize("most", [700, 1500, 6000])
@@ -42,8 +37,8 @@ def test_it_is_as_wide_as_its_bytes_allow(most: int) -> None:
 
 def test_it_takes_a_hundredth_of_a_file_at_most() -> None:
     """Small files have none; large ones no more than 6,000 bytes."""
-    assert thumbnail_blocks(_waves, CAMERA, _blocks(50_000)) == []
-    (block,) = thumbnail_blocks(_waves, CAMERA, _blocks(150_000))
+    assert thumbnail_blocks(_waves, CAMERA, 50_000) == []
+    (block,) = thumbnail_blocks(_waves, CAMERA, 150_000)
     assert (block.kind, block.layer) == (BlockKind.THUMBNAIL, 1)
     assert len(block.payload) <= 1500
-    assert len(thumbnail_blocks(_waves, CAMERA, _blocks(10_000_000))[0].payload) <= 6000
+    assert len(thumbnail_blocks(_waves, CAMERA, 10_000_000)[0].payload) <= 6000

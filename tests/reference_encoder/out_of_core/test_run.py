@@ -19,6 +19,7 @@ from reference_encoder.options import EncodeOptions
 from reference_encoder.out_of_core.run import SHARES, Job, encode_job
 from reference_encoder.out_of_core.work_dir import WorkDir
 from reference_encoder.out_of_core.workers import open_workers
+from scarfmt.blocks.streaming import read_streaming
 from scarfmt.container.file import Container
 from scarfmt.container.source import BytesSource
 from scarfmt.render.camera import look_at
@@ -64,6 +65,16 @@ def test_the_file_is_sound_and_holds_the_scene(expected: bytes) -> None:
     assert header.fields.source_count == 4000
     assert header.tile_count >= 4
     assert 1000 < header.anchor_count <= 4000
+
+
+def test_the_file_opens_from_one_of_the_cameras(expected: bytes) -> None:
+    """And tells of each tile where its content is."""
+    container = Container(BytesSource(expected))
+    streaming = read_streaming(container)
+    assert streaming is not None
+    assert streaming.tiles == container.header.tile_count
+    assert streaming.view is not None
+    assert min(np.linalg.norm(streaming.view.position - eye) for eye in EYES) < 1e-5
 
 
 def test_a_draft_needs_no_survey(origin: str, tmp_path: Path) -> None:
