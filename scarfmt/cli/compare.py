@@ -28,6 +28,8 @@ if TYPE_CHECKING:
 
 _MIDDLE = (0.1, 0.9)
 """Quantiles between which most Gaussians of a scene lie, on each axis."""
+_ROUNDED = 0.05
+"""How far a coarse file moves positions, at most, as a part of the size of its scene."""
 _STATISTICS = ("mean_psnr_db", "p5_psnr_db", "worst_psnr_db", "mean_ssim", "worst_ssim")
 
 
@@ -163,7 +165,9 @@ def _warn_if_apart(first: Subject, second: Subject) -> None:
     import numpy as np
 
     (low_a, high_a), (low_b, high_b) = (np.quantile(s.placed.positions, _MIDDLE, axis=0) for s in (first, second))
-    if (low_a > high_b).any() or (low_b > high_a).any():
+    gap, size = np.maximum(low_a - high_b, low_b - high_a).max(), max((high_a - low_a).max(), (high_b - low_b).max())
+    # Rounding of positions alone parts what is flat; of two points nothing can be said.
+    if size and gap > _ROUNDED * size:
         message = "the scenes lie apart, so that these figures tell nothing: was an origin left out, or an axis turned?"
         warnings.warn(message, InputWarning, stacklevel=2)
 

@@ -51,6 +51,16 @@ def test_scenes_that_lie_apart_are_warned_of(ply: Path, tmp_path: Path) -> None:
     assert "lie apart" not in run("compare", ply, ply, *SMALL).stderr
 
 
+@pytest.mark.parametrize("height", [0.0, 3.0])
+def test_a_flat_scene_does_not_lie_apart_from_one_rounded(ply: Path, tmp_path: Path, height: float) -> None:
+    """Along the axis that it has no extent on, rounding moves all of it; a greater distance is none of rounding."""
+    names = tmp_path / "flat.ply", tmp_path / "rounded.ply"
+    for name, moved in zip(names, (0.0, 1e-4 + height), strict=True):
+        scene = gaussians(300)
+        name.write_bytes(scene_ply(replace(scene, positions=scene.positions * [1, 0, 1] + [0, moved, 0])))
+    assert ("lie apart" in run("compare", *names, *SMALL).stderr) == (height > 0)
+
+
 def test_a_scene_equals_itself(ply: Path) -> None:
     result = compare_json(ply, ply, *SMALL)["results"]["b"]
     assert result["psnr_db"] == [None, None]  # infinite, which JSON cannot say
