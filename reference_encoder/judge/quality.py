@@ -14,8 +14,8 @@ from typing import Any, Generic, TypeVar
 
 import numpy as np
 
-from reference_encoder.importance.view_sampling import Views
-from reference_encoder.options import MIN_QUALITY
+from reference_encoder.importance.view_sampling import BESIDE, GIVEN, Views
+from reference_encoder.options import MAX_QUALITY, MIN_QUALITY, EncodeOptions
 from reference_encoder.tuning import (
     GROWTH_A_DB,
     KIND_BELOW_DB,
@@ -45,7 +45,7 @@ Pictures = Mapping[str, Sequence[tuple[Camera, F32]]]
 ALIKE_DB = 35.0
 """PSNR from which on people hardly tell a picture from that of the source: an error of 1.8 % of white."""
 
-_PLACES = {"orbit": "from outside", "near": "close to it", "cameras": "near the cameras"}
+_PLACES = {"orbit": "from outside", "near": "close to it", GIVEN: "near the cameras", BESIDE: "beside the cameras"}
 """Kinds of views in words for people."""
 
 LOW_PART = 0.05
@@ -136,6 +136,15 @@ class Quality:
             f" {self.mean_db:.1f} ± {self.error_db:.1f} dB on average;"
             f" worst {_PLACES.get(worst, worst)}, {self.worst_db:.1f} dB"
         )
+
+    def missed(self, options: EncodeOptions) -> str:
+        """How far a result is from what was asked and what to ask for instead, for people; empty where it is near."""
+        option, found = ("quality", self.mean_db) if options.worst is None else ("worst", self.low_db)
+        lacking = options.asked_db - found
+        if lacking <= KIND_BELOW_DB:
+            return ""
+        more = min(options.asked_db + lacking, MAX_QUALITY)
+        return f"{lacking:.1f} dB below --{option} {options.asked_db:g}: --{option} {more:.0f} aims higher"
 
     def shortfalls(self, asked_db: float) -> list[str]:
         """The figures that are far below the target, in one sentence each."""

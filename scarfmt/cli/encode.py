@@ -253,7 +253,7 @@ def _encode(
             data = encode_scene(scene, options, tell)
             target.write(data)
         quality, file = data.quality, _inspected(data)
-    verdict = quality.verdict()
+    verdict = "; ".join(filter(None, (quality.verdict(), quality.missed(options))))
     document = {"input": name, "output": output, "seconds": time.monotonic() - start, "verdict": verdict,
                 "quality": quality.figures(), "file": file}  # fmt: skip
     lines = [_size_line(file), verdict]

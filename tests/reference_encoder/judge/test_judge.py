@@ -170,6 +170,28 @@ def test_what_a_better_5th_percentile_costs_is_said() -> None:
     assert Quality({"orbit": np.full(20, 45.0)}, {"orbit": 1.0}).shortfalls(45) == []
 
 
+@pytest.mark.parametrize(("kind", "place"), [(GIVEN, "near the cameras"), (BESIDE, "beside the cameras")])
+def test_the_verdict_names_the_place_of_the_worst_view(kind: str, place: str) -> None:
+    found = Quality({"orbit": np.array([40.0]), kind: np.array([30.0])}, {"orbit": 0.5, kind: 0.5})
+    assert f"; worst {place}, 30.0 dB" in found.verdict()
+
+
+@pytest.mark.parametrize(
+    ("asked", "said"),
+    [
+        ({"quality": 45}, "9.0 dB below --quality 45: --quality 54 aims higher"),
+        ({"quality": 38}, ""),
+        ({"worst": 34}, "4.0 dB below --worst 34: --worst 38 aims higher"),
+        ({"worst": 32}, ""),
+        ({"quality": 79}, "43.0 dB below --quality 79: --quality 80 aims higher"),
+    ],
+)
+def test_a_target_that_is_missed_is_named_with_what_to_ask_for(asked: dict[str, float], said: str) -> None:
+    found = Quality({"orbit": np.append(np.full(9, 30.0), np.full(9, 42.0))}, {"orbit": 1.0})
+    assert found.missed(EncodeOptions(**asked)) == said
+    assert Quality({}, {}).missed(EncodeOptions(**asked)) == ""
+
+
 def test_kinds_count_by_their_shares() -> None:
     """Mean and percentile weigh kinds, however many views of each are left; the worst is the worst."""
     found = Quality({"a": np.array([40.0]), "b": np.array([20.0, 30.0, 30.0, 40.0])}, {"a": 0.9, "b": 0.1})
