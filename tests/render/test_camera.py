@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from scarfmt.errors import InvalidInput
-from scarfmt.render.camera import Arc, Camera, look_at, orbit_cameras
+from scarfmt.render.camera import Arc, Camera, look_at, orbit_cameras, warn_if_half_is_small
 from scarfmt.render.rasterise import render
 from tests.samples.codec_samples import refuses
 
@@ -114,3 +114,16 @@ def test_scaled_camera_sees_the_same_directions() -> None:
     point = np.array([0.3, -0.2, 2.0])
     assert (half.width, half.height) == (320, 240)
     np.testing.assert_allclose(np.array(_project(half, point)[:2]) * 2, _project(camera, point)[:2])
+
+
+@pytest.mark.parametrize(("far", "share", "warned"), [(100, 0.3, True), (100, 0.1, False), (5, 0.3, False)])
+def test_a_subject_before_a_wide_sky_is_warned_of(
+    recwarn: pytest.WarningsRecorder, far: float, share: float, warned: bool
+) -> None:
+    """Nothing is said where the core is the subject, whatever lies outside of it."""
+    rng = np.random.default_rng(3)
+    positions = rng.normal(size=(1000, 3))
+    positions[: int(1000 * share)] *= far
+    positions[-1] = np.nan
+    warn_if_half_is_small(positions)
+    assert any("half of the Gaussians" in str(each.message) for each in recwarn.list) == warned
