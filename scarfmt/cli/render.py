@@ -24,6 +24,7 @@ if TYPE_CHECKING:
 
 ALL = "all"
 SHEET = "sheet.png"
+OTHER_PICTURES = (".jpg", ".jpeg", ".webp", ".avif", ".gif", ".bmp", ".tif", ".tiff", ".exr")
 
 
 def parse_layers(_ctx: click.Context, _parameter: click.Parameter, value: str | None) -> str | None:
@@ -72,7 +73,9 @@ def render(
       scarfmt render scene.ply view.png --views 1 --size 1280x720
       scarfmt render scene.scar pictures/ --like scene.ply --from inside
     """
-    single = output.lower().endswith(".png")
+    single, ending = output.lower().endswith(".png"), Path(output).suffix.lower()
+    if ending in OTHER_PICTURES:
+        raise click.UsageError(f"pictures are written as PNG: {output} must be a folder or end in .png, not {ending}")
     sheet_path = Path(output) if single else Path(output) / SHEET
     if single or sheet:
         _check_free(sheet_path, force)
@@ -108,9 +111,10 @@ def _draw(
     chosen = _layer_numbers(file, layers)
     pictures: Pictures = {}
     # The last layer places the cameras, so that all layers are seen alike.
-    cameras = cameras_for(load_subject(file, chosen[-1]))
+    last = load_subject(file, chosen[-1])
+    cameras = cameras_for(last)
     for layer in chosen:
-        subject = load_subject(file, layer)
+        subject = last if layer == chosen[-1] else load_subject(file, layer)
         rows = pictures.setdefault(f"layer {layer}" if layers == ALL else "", [])
         for number, camera in enumerate(cameras):
             report(f"layer {layer}" if layer else "draw", number / len(cameras))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
@@ -12,6 +13,7 @@ import numpy as np
 from scarfmt.cli.files import STANDARD, open_input, read_origin
 from scarfmt.cli.progress import Tell
 from scarfmt.container.header import is_scar
+from scarfmt.errors import InputWarning
 from scarfmt.scene.gaussians import AnchorModel, GaussianScene
 
 if TYPE_CHECKING:
@@ -106,8 +108,11 @@ def layer_table(origin: SceneOrigin) -> list[dict[str, Any]]:
 
 
 def _no_layers(origin: SceneOrigin) -> click.UsageError:
-    name = "a pipe" if isinstance(origin, bytes) else origin
-    return click.UsageError(f"{name} is not a .scar file: it has no layers")
+    return click.UsageError(f"{_called(origin)} is not a .scar file: it has no layers")
+
+
+def _called(origin: SceneOrigin) -> str:
+    return "a pipe" if isinstance(origin, bytes) else origin
 
 
 def load_subject(origin: SceneOrigin, layers: int | None = None) -> Subject:
@@ -137,10 +142,13 @@ def _decode(origin: SceneOrigin, layers: int | None) -> GaussianScene | AnchorMo
     from scarfmt.container.file import Container
 
     with open_input(origin) as source:
+        file = Container(source, allow_truncated=True)
+        whole, promised = file.available_layers, len(file.header.layers)
+        if layers is None and 0 < whole < promised:
+            message = f"{_called(origin)} is cut short: {whole} of its {promised} layers are used"
+            warnings.warn(message, InputWarning, stacklevel=2)
         scene = decode(source, layers=layers, allow_truncated=True).scene
-        if isinstance(scene, AnchorModel):
-            return scene
-        return replace(scene, description=describe(Container(source, allow_truncated=True)))
+        return scene if isinstance(scene, AnchorModel) else replace(scene, description=describe(file))
 
 
 def _subject(scene: GaussianScene | AnchorModel) -> Subject:

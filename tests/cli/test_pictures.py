@@ -199,6 +199,23 @@ def test_render_layers_into_one_sheet_a_row_each(encoded: Path, tmp_path: Path) 
         assert picture.height > 2 * 48
 
 
+def test_a_file_cut_short_is_drawn_as_far_as_it_goes_and_that_is_said(encoded: Path, tmp_path: Path) -> None:
+    cut = tmp_path / "cut.scar"
+    cut.write_bytes(encoded.read_bytes()[:-1])
+    said = "cut.scar is cut short: 1 of its 2 layers are used"
+    assert said in run("compare", encoded, cut, *SMALL).stderr
+    assert said in run("render", cut, tmp_path / "a.png", *SMALL).stderr
+    assert said not in run("render", cut, tmp_path / "b.png", *SMALL, "--layers", 1).stderr
+
+
+def test_render_refuses_names_of_other_pictures(ply: Path, tmp_path: Path) -> None:
+    """No folder is made that is named as a picture."""
+    result = run("render", ply, tmp_path / "a.JPG", *SMALL)
+    assert result.exit_code == 2
+    assert "end in .png, not .jpg" in result.stderr
+    assert not list(tmp_path.iterdir())
+
+
 def test_render_one_view_into_one_picture(ply: Path, tmp_path: Path) -> None:
     assert run("render", ply, tmp_path / "one.png", "--size", "64x48", "--views", 1).exit_code == 0
     with Image.open(tmp_path / "one.png") as picture:
