@@ -83,7 +83,11 @@ def atomic_write(path: str | PathLike[str], *, force: bool = False) -> Iterator[
             the disk is full (`output-full`).
     """
     target = Path(os.path.realpath(path))
-    if target.exists() and not target.is_file() and not target.is_dir():
+    try:
+        special = target.exists() and not target.is_file() and not target.is_dir()
+    except OSError as error:  # a name that is too long
+        raise file_error("output-path", f"cannot write {target}: {error.strerror}", error) from error
+    if special:
         with target.open("wb") as device:
             yield device
         return
@@ -108,7 +112,7 @@ def atomic_write(path: str | PathLike[str], *, force: bool = False) -> Iterator[
     except BaseException as error:
         if known.get(identity) == _OUTPUT:
             del known[identity]
-        with contextlib.suppress(FileNotFoundError):
+        with contextlib.suppress(OSError):  # which would hide why there is none to remove
             temporary.unlink()
         if isinstance(error, OSError) and error.errno in FULL and error.filename in (None, str(temporary)):
             raise InvalidInput(

@@ -58,8 +58,10 @@ def test_file_that_appeared_meanwhile_is_kept(tmp_path: Path) -> None:
     assert os.listdir(tmp_path) == ["out"]
 
 
-@pytest.mark.parametrize("name", ["", "absent/out"])
-def test_directory_and_missing_directory_are_refused(tmp_path: Path, name: str) -> None:
+@pytest.mark.parametrize("name", ["", "absent/out", "file/out", 300 * "n"])
+def test_what_is_no_place_for_a_file_is_refused(tmp_path: Path, name: str) -> None:
+    """The temporary file that could not be made hides the reason as little as that it cannot be removed."""
+    (tmp_path / "file").touch()
     with pytest.raises(InvalidInput) as caught, atomic_write(tmp_path / name, force=True):
         pytest.fail("the block was entered")
     assert caught.value.refusal == "output-path"
