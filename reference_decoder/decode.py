@@ -84,10 +84,13 @@ class DecodeRequest:
         """
         if self.box is None:
             return None
-        low, high = (np.asarray(corner, np.float64) for corner in self.box)
-        if low.shape != (3,) or high.shape != (3,) or not bool((low <= high).all()):
+        try:
+            box = np.array(self.box, np.float64)
+        except ValueError:  # ragged
+            box = np.zeros(0)
+        if box.shape != (2, 3) or not bool((box[0] <= box[1]).all()):
             raise InvalidInput("input-box", "a box needs its 3 lowest and its 3 highest coordinates", field="box")
-        return low, high
+        return box[0], box[1]
 
 
 def requested(request: DecodeRequest | None, fields: dict[str, Any]) -> DecodeRequest:

@@ -103,9 +103,9 @@ class GaussianScene:
     def invalid_rows(self) -> NDArray[np.bool_]:
         """(N,) bool: rows holding a NaN or an infinity in any attribute."""
         bad = ~np.isfinite(self.positions).all(1) | ~np.isfinite(self.opacity_logits)
-        for values in (self.log_scales, self.rotations, self.sh.reshape(len(self), -1)):
+        for values in (self.log_scales, self.rotations):
             bad |= ~np.isfinite(values).all(1)
-        return bad
+        return bad | ~np.isfinite(self.sh).all((1, 2))
 
 
 @dataclass(frozen=True)

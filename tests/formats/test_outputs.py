@@ -206,7 +206,8 @@ def test_values_that_are_not_finite_and_empty_scenes_are_refused(format_id: str)
         written(format_id, scene)
     assert caught.value.refusal == "output-range"
     assert "Gaussian 1 " in str(caught.value)
-    refuses("output-empty", lambda: write_parts(format_id, [], Described(1), io.BytesIO()))
+    for parts in ([], [scene.take(np.zeros(0, np.int64))]):
+        refuses("output-empty", lambda parts=parts: write_parts(format_id, parts, Described(1), io.BytesIO()))
 
 
 @pytest.mark.parametrize(

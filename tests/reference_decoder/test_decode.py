@@ -157,6 +157,8 @@ def test_scene_of_a_partial_decode_says_what_is_missing() -> None:
         ({"layers": 4}, "input-layers"),
         ({"tiles": [3]}, "input-tiles"),
         ({"tiles": [-1]}, "input-tiles"),
+        ({"box": (0, 0, 0, 1, 1, 1)}, "input-box"),
+        ({"box": ((0, 0, 0), (1, 1))}, "input-box"),
         ({"box": ((0, 0), (1, 1))}, "input-box"),
         ({"box": ((0, 0, 1), (1, 1, 0))}, "input-box"),
         ({"box": ((0, 0, 0), (1, 1, float("nan")))}, "input-box"),
