@@ -143,8 +143,9 @@ class Quality:
         lacking = options.asked_db - found
         if lacking <= KIND_BELOW_DB:
             return ""
-        more = min(options.asked_db + lacking, MAX_QUALITY)
-        return f"{lacking:.1f} dB below --{option} {options.asked_db:g}: --{option} {more:.0f} aims higher"
+        more = f"--{option} {min(options.asked_db + lacking, MAX_QUALITY):.0f} aims higher"
+        advice = more if options.effort else "--effort 1 comes closer"
+        return f"{lacking:.1f} dB below --{option} {options.asked_db:g}: {advice}"
 
     def shortfalls(self, asked_db: float) -> list[str]:
         """The figures that are far below the target, in one sentence each."""

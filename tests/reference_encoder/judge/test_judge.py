@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -183,10 +184,11 @@ def test_the_verdict_names_the_place_of_the_worst_view(kind: str, place: str) ->
         ({"quality": 38}, ""),
         ({"worst": 34}, "4.0 dB below --worst 34: --worst 38 aims higher"),
         ({"worst": 32}, ""),
+        ({"quality": 45, "effort": 0}, "9.0 dB below --quality 45: --effort 1 comes closer"),
         ({"quality": 79}, "43.0 dB below --quality 79: --quality 80 aims higher"),
     ],
 )
-def test_a_target_that_is_missed_is_named_with_what_to_ask_for(asked: dict[str, float], said: str) -> None:
+def test_a_target_that_is_missed_is_named_with_what_to_ask_for(asked: dict[str, Any], said: str) -> None:
     found = Quality({"orbit": np.append(np.full(9, 30.0), np.full(9, 42.0))}, {"orbit": 1.0})
     assert found.missed(EncodeOptions(**asked)) == said
     assert Quality({}, {}).missed(EncodeOptions(**asked)) == ""
