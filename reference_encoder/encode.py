@@ -50,7 +50,7 @@ from reference_encoder.tuning import FIRST_CAP_DB, FIRST_VIEWS, LATER_VIEWS
 from scarfmt.coding.writer import QuantisedScene, Report, assemble_file, code_blocks, silent
 from scarfmt.errors import InvalidInput, LossWarning, plural
 from scarfmt.limits import MAX_ANCHORS_PER_TILE
-from scarfmt.render.camera import warn_if_cameras_miss_scene, warn_if_half_is_small
+from scarfmt.render.camera import warn_if_cameras_miss_scene
 from scarfmt.scene.gaussians import AnchorModel, GaussianScene
 
 __all__ = ["EncodeOptions", "Encoded", "encode"]
@@ -95,8 +95,6 @@ def encode(
         scene = _without_far(scene)
     if options.cameras:
         warn_if_cameras_miss_scene(positions, options.cameras)
-    else:
-        warn_if_half_is_small(positions)
     profile = measure_scene(scene, options, report)
     quantised = Encoder(profile).run().scene
     drawn = profile.reconstruct(quantised)

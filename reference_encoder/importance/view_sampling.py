@@ -33,7 +33,7 @@ from reference_encoder.tuning import (
     SURVEY_SEED,
     TUNING_SEED,
 )
-from scarfmt.render.camera import Camera
+from scarfmt.render.camera import Camera, warn_if_half_is_small
 from scarfmt.render.viewpoints import KINDS, Surroundings, Upright, beside, resolved, viewpoints
 from scarfmt.scene.gaussians import GaussianScene
 
@@ -89,7 +89,12 @@ def sample_views(scene: GaussianScene, options: EncodeOptions, count: int | None
 
     Raises:
         InvalidInput: ``input-frame``; ``input-empty`` if no position is finite.
+
+    Warns:
+        InputWarning: without cameras, half of the scene is too small to be seen from everywhere.
     """
+    if not options.cameras:
+        warn_if_half_is_small(scene.positions)
     up, counts = resolved(scene, options.frame), count_views(options.effort, count or len(scene))
     given = given_cameras(options)
     return _draw(scene, options, up, given, False, counts, SURVEY_SEED, SURVEY_SAMPLES, KIND_SHARES)

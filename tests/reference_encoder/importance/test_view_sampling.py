@@ -53,6 +53,19 @@ def test_given_cameras_are_all_used_with_their_neighbourhood_and_the_rest(
     assert sum(found.shares.values()) == pytest.approx(1)
 
 
+def test_a_subject_too_small_to_be_seen_from_everywhere_is_warned_of(
+    scene: GaussianScene, cameras: list[Camera], recwarn: pytest.WarningsRecorder
+) -> None:
+    """Cameras come near it."""
+    spread = np.where(np.arange(len(scene)) % 3 > 0, 1e-3, 1)
+    crowded = replace(scene, positions=scene.positions * spread[:, None])
+    sample_views(crowded, EncodeOptions(cameras=cameras, frame="z"))
+    sample_views(scene, EncodeOptions(frame="z"))
+    assert not recwarn.list
+    sample_views(crowded, EncodeOptions(frame="z"))
+    assert "half of the Gaussians lie within" in str(recwarn.pop().message)
+
+
 def test_only_cameras_is_a_fence(scene: GaussianScene, cameras: list[Camera]) -> None:
     found = sample_views(scene, EncodeOptions(cameras=cameras, only_cameras=True, frame="z"))
     assert set(found.views) == {GIVEN}
