@@ -234,7 +234,8 @@ def read_elements(source: Source, header: Header, names: Collection[str]) -> dic
                     return _read_text(text, header, names)
             return _read_binary(stream, header, names)
         except (ValueError, OverflowError) as error:
-            raise source.corrupt(f"malformed PLY body: {error}") from error
+            # What follows a semicolon is NumPy's advice to programmers.
+            raise source.corrupt(f"malformed PLY body: {str(error).partition(';')[0]}") from error
 
 
 def columns(rows: Rows, names: list[str]) -> NDArray[np.generic]:

@@ -174,6 +174,9 @@ def test_text_rows_have_a_number_for_each_property(row: bytes) -> None:
     lines = whole.split(b"\n")
     lines[-3] = row if row != b"1 2 3 4 5 x" else lines[-3] + b" x"
     refuses("input-corrupt", lambda: load(b"\n".join(lines)))
+    with pytest.raises(InvalidInput) as caught:
+        load(b"\n".join(lines))
+    assert "usecols" not in str(caught.value)
 
 
 def test_two_dimensional_gaussians_become_flat_disks() -> None:
