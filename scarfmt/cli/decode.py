@@ -56,12 +56,13 @@ def parse_tiles(value: str) -> list[int]:
     """Tile indices of `I,J,...`.
 
     Raises:
-        click.BadParameter: not natural numbers.
+        click.BadParameter: not natural numbers, or one of them twice, which would double what the tile shows.
     """
     parts = value.split(",")
-    if not all(part.isdecimal() for part in parts):
-        raise click.BadParameter(f"{value!r} is not tile numbers separated by commas")
-    return [int(part) for part in parts]
+    tiles = [int(part) for part in parts if part.isdecimal()]
+    if len(set(tiles)) < len(parts):
+        raise click.BadParameter(f"{value!r} is not tile numbers separated by commas, each once")
+    return tiles
 
 
 def parse_attributes(value: str) -> list[str]:
