@@ -35,7 +35,7 @@ JPEG_QUALITY = 90
 
 def draw_part(subject: Subject, view: Camera) -> F32:
     """(HEIGHT, WIDTH, 3) part of the picture from a view, `ZOOM` times narrower, about `MIDDLE`."""
-    camera = view.scaled(ZOOM * WIDTH / view.width)
+    camera = view.scale(ZOOM * WIDTH / view.width)
     left, top = (
         min(max(round(middle * size - part / 2), 0), size - part)
         for middle, size, part in zip(MIDDLE, (camera.width, camera.height), (WIDTH, HEIGHT), strict=True)

@@ -173,7 +173,7 @@ def make_tables(runs: Sequence[Run]) -> str:
     full = [run for run in runs if run["scar"] and run["rivals"]]
     head = ["scene", "SH", "rival", "B/G", "mean / 5 % / worst, dB", "`.scar` at its mean, B/G", "ratio"]
     head += ["`.scar` at all three, B/G", "ratio"]
-    parts = [make_table(head, [_equal_row(run, rival) for run in full for rival in _shown(run)], 3)]
+    parts = [make_table(head, [_equal_row(run, rival) for run in full for rival in _show(run)], 3)]
     head = ["scene", f"{FIRST_DB:g} dB: `.scar`, kB", "smallest rival, kB", "share"]
     head += [f"{name}: {what} s" for name in (*SHOWN_RIVALS, "`.scar`") for what in ("encode", "decode")]
     rows = [[run["scene"], *_first_cells(run), *_time_cells(run)] for run in full]
@@ -181,7 +181,7 @@ def make_tables(runs: Sequence[Run]) -> str:
     return "\n\n".join(parts)
 
 
-def _shown(run: Run) -> list[Run]:
+def _show(run: Run) -> list[Run]:
     """Lossy files of default settings."""
     return [rival for rival in run["rivals"] if rival["name"] in SHOWN_RIVALS and rival["psnr_db"] < LOSSLESS_DB]
 

@@ -242,7 +242,7 @@ def train_example(folder: Path) -> tuple[Path, Path]:
     (capture / "images").mkdir(parents=True)
     for split, name in (("train", "cameras"), ("test", "views")):
         for camera in load_cameras(examples / f"plush-toys.{name}.json"):
-            small = camera.scaled(64 / camera.width)
+            small = camera.scale(64 / camera.width)
             file = f"{split}-{len(images)}.png"
             write_png(capture / "images" / file, render(scene, small))
             pose = {"fx": small.fx, "fy": small.fy, "cx": small.cx, "cy": small.cy, "W": small.width, "H": small.height}

@@ -89,7 +89,7 @@ def make_views(original: Subject, up: str, capture: Sequence[Camera] = ()) -> li
     space = _space(original.placed, up)
     fixed = [view for view in (*_rings(space), *_outwards(space)) if _shows_something(original.picture(view.camera))]
     walking = (view for view in _walking(space) if _shows_something(original.picture(view.camera)))
-    scaled = [View("capture", camera.scaled(WIDTH / camera.width)) for camera in capture]
+    scaled = [View("capture", camera.scale(WIDTH / camera.width)) for camera in capture]
     return [*fixed, *islice(walking, WALKING), *scaled]
 
 

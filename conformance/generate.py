@@ -96,7 +96,7 @@ def vector_files(case: Case) -> tuple[dict[str, Any], Files]:
     return row, {**files, **{f"{folder}/{path}": data for path, data in extra.items()}}
 
 
-def generated(only: list[str]) -> tuple[Files, list[str]]:
+def generate(only: list[str]) -> tuple[Files, list[str]]:
     """Every file by its path below ``conformance/``, and the ids; with patterns `only`, just those vectors."""
     files: Files = {}
     rows = []
@@ -120,7 +120,7 @@ def same(name: str, found: bytes | None, content: bytes) -> bool:
     return bool(np.allclose(there, here, rtol=_CLOSE, atol=_CLOSE, equal_nan=True))
 
 
-def written() -> Files:
+def list_written() -> Files:
     """Every file there is, by its path below ``conformance/``."""
     return {**members(ROOT), **{path.name: path.read_bytes() for path in ROOT.glob(_MANIFEST)}}
 
@@ -148,10 +148,10 @@ def main(arguments: list[str]) -> int:
     parser.add_argument("--check", action="store_true", help="compare with the files there; write nothing")
     parser.add_argument("--only", nargs="+", default=[], metavar="ID", help="patterns of ids; makes no manifest")
     options = parser.parse_args(arguments)
-    files, ids = generated(options.only)
+    files, ids = generate(options.only)
     if not ids:
         parser.error("no vector has such an id")
-    there = written()
+    there = list_written()
     stale = [name for name, content in files.items() if not same(name, there.get(name), content)]
     left = [] if options.only else sorted(set(there) - set(files))
     if not options.check and (stale or left):

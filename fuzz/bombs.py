@@ -17,7 +17,7 @@ from pathlib import Path
 
 import numpy as np
 
-from fuzz.target import decoded, validated
+from fuzz.target import decode_all, validate_all
 from fuzz.testing.networks import random_network
 from scarfmt.blocks.codebooks import pack_codebooks
 from scarfmt.blocks.index_network import pack_network
@@ -117,7 +117,7 @@ def _decoder(*widths: int) -> tuple[int, bytes, int]:
     return BlockKind.DECODER_MLP, pack_networks((_network(*widths),)), 1
 
 
-def _divided(anchors: int) -> list[int]:
+def _divide(anchors: int) -> list[int]:
     """Anchors of each tile, as many in a tile as there can be."""
     return [min(65536, anchors - first) for first in range(0, anchors, 65536)]
 
@@ -133,16 +133,16 @@ def many_steps(anchors: int, size: int, wide: int = 64) -> bytes:
     """All steps of a wide latent for many anchors, from empty streams."""
     row = LayerRow((0,), ((1, 20),))
     model = SceneModel(Profile.EXPLICIT, 1, channels(SCALE, (Stream.LATENT, wide)), (row,))
-    return build(model, _divided(anchors), size, models=[_decoder(wide, 3)])
+    return build(model, _divide(anchors), size, models=[_decoder(wide, 3)])
 
 
 def wide_decoder(anchors: int, size: int) -> bytes:
     """A latent decoder of a million weights, for many anchors."""
     model = SceneModel(Profile.EXPLICIT, 1, channels(SCALE, (Stream.LATENT, 64)), (LayerRow((0,), ((1, 1),)),))
-    return build(model, _divided(anchors), size, models=[_decoder(64, 950, 1024, 3)])
+    return build(model, _divide(anchors), size, models=[_decoder(64, 950, 1024, 3)])
 
 
-def _drawn(anchors: int, slots: int, features: int, size: int) -> bytes:
+def _draw(anchors: int, slots: int, features: int, size: int) -> bytes:
     """Anchors of so many slots, all turned on, whose networks take so many features and no direction beyond three."""
     wanted = ((Stream.SCALE, 6), (Stream.LATENT, 1), (Stream.OFFSETS, 3))
     model = SceneModel(Profile.ANCHOR, slots, channels(*wanted), (LayerRow((0,), ((1, 1, 1),)),))
@@ -151,7 +151,7 @@ def _drawn(anchors: int, slots: int, features: int, size: int) -> bytes:
     if slots > 1:
         tables.update({key: one_symbol(1) for key in tables if key.stream == Stream.MASKS})
     blocks = [_decoder(1, features), (BlockKind.SCENE_MLP, pack_networks(nets), 3)]
-    return build(model, _divided(anchors), size, tables=tables, models=blocks)
+    return build(model, _divide(anchors), size, tables=tables, models=blocks)
 
 
 def _large_tables(tables: int, symbols: int, size: int) -> bytes:
@@ -162,7 +162,7 @@ def _large_tables(tables: int, symbols: int, size: int) -> bytes:
     return build(scales(), [2], size, tables=dict(sorted(found.items())))
 
 
-def _indexed(anchors: int, size: int, *, two_level: bool, hidden: int, tiles: int = 1) -> bytes:
+def _index(anchors: int, size: int, *, two_level: bool, hidden: int, tiles: int = 1) -> bytes:
     """An index network for two codebooks of the largest size."""
     rng = np.random.default_rng(3)
     books = Codebooks(rng.integers(-9, 9, (4096, 8)), rng.integers(-9, 9, (4096, 8)))
@@ -225,13 +225,13 @@ BOMBS: dict[str, Callable[[], bytes]] = {
     "many steps": lambda: many_steps(200_000, MIB - 5000),
     "many steps, one component": lambda: many_steps(1_000_000, MIB - 5000, 1),
     "wide decoder": lambda: wide_decoder(55_000, MIB - 5000),
-    "wide features": lambda: _drawn(65_536, 1, 1000, 0),
-    "wide features, large file": lambda: _drawn(65_000, 1, 1000, MIB - 9000),
-    "many slots": lambda: _drawn(260_000, 32, 1, MIB - 9000),
+    "wide features": lambda: _draw(65_536, 1, 1000, 0),
+    "wide features, large file": lambda: _draw(65_000, 1, 1000, MIB - 9000),
+    "many slots": lambda: _draw(260_000, 32, 1, MIB - 9000),
     "large tables": lambda: _large_tables(380, 4096, MIB - 9000),
     "many tables": lambda: _large_tables(65_000, 1, MIB - 130_000),
-    "deep network": lambda: _indexed(2600, 0, two_level=False, hidden=255),
-    "shallow network": lambda: _indexed(15_000, MIB - 55_000, two_level=True, hidden=8, tiles=150),
+    "deep network": lambda: _index(2600, 0, two_level=False, hidden=255),
+    "shallow network": lambda: _index(15_000, MIB - 55_000, two_level=True, hidden=8, tiles=150),
     "large grid": lambda: _large_grid(MIB - 9000),
     "many predictors": lambda: _many_predictors(24_000, MIB - 600_000),
     "many predictors, small tiles": lambda: _many_predictors(1000, MIB - 600_000, 50),
@@ -246,7 +246,7 @@ def _limit_time() -> None:
 def measure(path: Path) -> None:
     """Print what decoding and validating a file takes, in this process."""
     data = path.read_bytes()
-    for name, act in (("decode", decoded), ("validate", validated)):
+    for name, act in (("decode", decode_all), ("validate", validate_all)):
         base = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
         start = time.process_time()
         answer = act(data)

@@ -69,7 +69,7 @@ class Tally:
         self.slowest = sorted(self.slowest + other.slowest, reverse=True)[:_KEPT]
         self.findings += other.findings
 
-    def found(self, case: Case, what: str, folder: Path) -> None:
+    def enter(self, case: Case, what: str, folder: Path) -> None:
         """Enter a finding, and keep the bytes."""
         self.findings.append({"input": case.name, "what": what})
         folder.mkdir(exist_ok=True)
@@ -104,14 +104,14 @@ class Examiner:
             begin(number)
             case = self.make(number)
             start = time.process_time()
-            outcome, finding = self._examined(case)
+            outcome, finding = self._examine(case)
             tally.slowest.append((round(time.process_time() - start, 4), case.name))
             tally.outcomes[outcome] += 1
             if finding is not None:
-                tally.found(case, finding, self.findings)
+                tally.enter(case, finding, self.findings)
         return tally
 
-    def _examined(self, case: Case) -> tuple[str, str | None]:
+    def _examine(self, case: Case) -> tuple[str, str | None]:
         signal.setitimer(signal.ITIMER_PROF, self.seconds)
         try:
             return case.act()
@@ -191,7 +191,7 @@ def run_campaign(examiner: Examiner, numbers: range, jobs: int, until: float) ->
                 tally.add(job.receiver.recv())
             except EOFError:
                 number, what = job.end()
-                tally.found(examiner.make(number), f"{what}; its batch is not counted up to it", examiner.findings)
+                tally.enter(examiner.make(number), f"{what}; its batch is not counted up to it", examiner.findings)
                 if number + 1 in job.numbers:
                     rest.append(range(number + 1, job.numbers.stop))
         if time.monotonic() - shown > _SHOW_EVERY:

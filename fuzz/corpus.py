@@ -29,7 +29,7 @@ def vectors() -> list[Seed]:
     return [seed for seed in seeds if len(seed.data) <= MAX_BYTES and is_file(seed.data)]
 
 
-def encoded() -> list[Seed]:
+def encode_random() -> list[Seed]:
     """Tiny random scenes of both profiles, with and without networks."""
     found = []
     for profile in Profile:
@@ -43,4 +43,4 @@ def encoded() -> list[Seed]:
 
 def corpus() -> list[Seed]:
     """All files to mutate, always in the same order."""
-    return vectors() + encoded()
+    return vectors() + encode_random()

@@ -168,13 +168,13 @@ def _in_folder(files: Files, first: str) -> None:
         load(Path(folder) / first)
 
 
-def _changed(files: Files, name: str, change: Change, dice: Random) -> Files:
+def _change(files: Files, name: str, change: Change, dice: Random) -> Files:
     return {**files, name: change(files[name], dice)}
 
 
 def _checkpoint(dice: Random) -> Callable[[], object]:
     change = dice.choice((change_pickle, change_pickle, change_bytes, change_words))
-    files = _changed(_CHECKPOINT, "point_cloud.ply" if change is change_words else "archive/data.pkl", change, dice)
+    files = _change(_CHECKPOINT, "point_cloud.ply" if change is change_words else "archive/data.pkl", change, dice)
     points = files.pop("point_cloud.ply")
     folder = {"point_cloud.ply": points, "checkpoints.pth": zipped(files)}
     return partial(_in_folder, folder, "point_cloud.ply")
@@ -182,13 +182,13 @@ def _checkpoint(dice: Random) -> Callable[[], object]:
 
 def _sog(dice: Random) -> Callable[[], object]:
     name = "meta.json" if dice.random() < 0.8 else dice.choice(list(_SOG))
-    files = _changed(_SOG, name, change_json if name == "meta.json" else change_bytes, dice)
+    files = _change(_SOG, name, change_json if name == "meta.json" else change_bytes, dice)
     if dice.random() < 0.9:
         return partial(load, zipped(files), format="sog")
     return partial(_in_folder, files, "meta.json")
 
 
-def _streamed(dice: Random) -> Callable[[], object]:
+def _stream(dice: Random) -> Callable[[], object]:
     files = {"lod-meta.json": change_json(_LOD, dice), **{f"a/{name}": data for name, data in _SOG.items()}}
     return partial(_in_folder, files, "lod-meta.json")
 
@@ -206,7 +206,7 @@ def _gltf(dice: Random) -> Callable[[], object]:
 
 
 def _npz(dice: Random) -> Callable[[], object]:
-    files = _changed(_NPZ, dice.choice(list(_NPZ)), dice.choice((change_npy, change_npy, change_bytes)), dice)
+    files = _change(_NPZ, dice.choice(list(_NPZ)), dice.choice((change_npy, change_npy, change_bytes)), dice)
     return partial(load, zipped(files), format="anchor-npz")
 
 
@@ -233,13 +233,13 @@ def _supersplat(dice: Random) -> Callable[[], object]:
 def _rad(dice: Random) -> Callable[[], object]:
     """The JSON of the head, or of a chunk."""
     if dice.random() < 0.4:
-        return partial(load, _changed_head(EXAMPLES["rad"], dice), format="rad")
+        return partial(load, _change_head(EXAMPLES["rad"], dice), format="rad")
     properties = rad_files.plain(3, child_count=rad_files.entry("child_count", "u16", b"\2\0\0\0\0\0"))
-    data = _changed_head(rad_files.chunk(0, 3, properties), dice)
+    data = _change_head(rad_files.chunk(0, 3, properties), dice)
     return partial(load, rad_files.file([data], count=3), format="rad")
 
 
-def _changed_head(data: bytes, dice: Random) -> bytes:
+def _change_head(data: bytes, dice: Random) -> bytes:
     end = 8 + int.from_bytes(data[4:8], "little")
     text = change_json(data[8:end], dice)
     return data[:4] + struct.pack("<I", len(text)) + text + bytes(-len(text) % 8) + data[end + -end % 8 :]
@@ -275,7 +275,7 @@ def _unpack(data: bytes) -> None:
         raise InvalidInput("work-damaged", str(error)) from error
 
 
-_KINDS = (_checkpoint, _sog, _streamed, _gltf, _npz, _archive, _spz, _supersplat, _rad, _bytes, _ply, _work)
+_KINDS = (_checkpoint, _sog, _stream, _gltf, _npz, _archive, _spz, _supersplat, _rad, _bytes, _ply, _work)
 FORMATS = {made.__name__[1:]: made for made in _KINDS}
 """A mutant of each kind, by its name: what reads it."""
 

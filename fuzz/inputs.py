@@ -9,7 +9,7 @@ from random import Random
 
 from fuzz.case import Case
 from fuzz.corpus import Seed, corpus
-from fuzz.target import decoded, decoded_by, dumped, truncated, validated
+from fuzz.target import decode_all, decode_by, dump_all, truncated, validate_all
 from fuzz.testing.mutators import Dice, Mutant, apply, mutate, mutate_blocks
 
 _TRUNCATE_EVERY = 8
@@ -59,7 +59,7 @@ def prepare(kind: str, seed: int, compare: bool) -> Callable[[int], Case]:
     """What makes the inputs of a campaign."""
     files = corpus()
     if kind != "mutants":
-        files = [file for file in files if not decoded(file.data)]
+        files = [file for file in files if not decode_all(file.data)]
     make = Inputs(files, seed, kind)
 
     def case(number: int) -> Case:
@@ -77,8 +77,8 @@ def examine(one: Input, must_refuse: bool, compare: bool) -> tuple[str, str | No
         compare: whether another answer of NumPy alone is one.
     """
     data = one.mutant.data
-    refusal, invalid = decoded(data), validated(data)
-    dumped(data)
+    refusal, invalid = decode_all(data), validate_all(data)
+    dump_all(data)
     if one.number % _TRUNCATE_EVERY == 0:
         truncated(data)
     # The converse is false, by rules marked (V), and as a decoder reads no block it has no need of (SPEC §5.6).
@@ -86,6 +86,6 @@ def examine(one: Input, must_refuse: bool, compare: bool) -> tuple[str, str | No
         return refusal, f"decode refuses {refusal}, validate finds nothing"
     if must_refuse and not invalid:
         return "valid", "unnoticed"
-    if compare and decoded_by(data, native=True) != decoded_by(data, native=False):
+    if compare and decode_by(data, native=True) != decode_by(data, native=False):
         return refusal, "the engines differ"
     return refusal or "decoded", None

@@ -22,7 +22,7 @@ MAX_DRAWN = 2000
 """Anchors of which Gaussians are made for a camera, too."""
 
 
-def decoded(data: bytes) -> str:
+def decode_all(data: bytes) -> str:
     """Decode all layers to arrays and reconstruct what they stand for; the refusal id, or ``""``."""
     try:
         result = decode(data)
@@ -38,7 +38,7 @@ def decoded(data: bytes) -> str:
     return ""
 
 
-def decoded_by(data: bytes, native: bool) -> str:
+def decode_by(data: bytes, native: bool) -> str:
     """The result of one engine for all layers: the SHA-256 of all arrays, types and shapes included, or the refusal
     id."""
     try:
@@ -51,13 +51,13 @@ def decoded_by(data: bytes, native: bool) -> str:
     return total.hexdigest()
 
 
-def validated(data: bytes) -> str:
+def validate_all(data: bytes) -> str:
     """The first error that validation finds, or ``""``."""
     result = validate(BytesSource(data))
     return "" if result.valid else next(f.refusal for f in result.findings if f.severity == "error")
 
 
-def dumped(data: bytes) -> str:
+def dump_all(data: bytes) -> str:
     """Annotate every byte; the id of the first refusal, or ``""``.
 
     Raises:

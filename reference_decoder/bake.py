@@ -88,9 +88,9 @@ def bake_model(model: AnchorModel, baking: Baking, report: Report = silent) -> t
     views = baking.views or default_views(model)
     scene = bake(model, np.array([view.centre for view in views]), baking.sh_degree)
     if baking.steps:
-        from reference_decoder.refine import refined
+        from reference_decoder.refine import refine
 
-        scene = refined(model, scene, views, baking.steps, report)
+        scene = refine(model, scene, views, baking.steps, report)
     fitted = f"{len(views)} eyes in {baking.steps} steps, spherical harmonics of degree {baking.sh_degree}"
     return scene, ("baked from a .scar anchor model; lossy, view dependence fitted", f"fitted over {fitted}")
 

@@ -20,9 +20,9 @@ from reference_decoder.region import tiles_meeting
 from scarfmt.arrays import F64, I64
 from scarfmt.coding.models import SceneModels
 from scarfmt.coding.reader import ALL_STREAMS, SceneReader, TileBlocks
-from scarfmt.coding.tile import needed_streams
+from scarfmt.coding.tile import find_needed
 from scarfmt.container.schema import Profile, Stream
-from scarfmt.container.source import ByteSource, Origin, opened
+from scarfmt.container.source import ByteSource, Origin, use_source
 from scarfmt.counters import Counters
 from scarfmt.errors import InvalidInput, LimitExceeded
 from scarfmt.limits import DEFAULT_LIMITS, FREE_WORK, Limits
@@ -93,7 +93,7 @@ class DecodeRequest:
         return box[0], box[1]
 
 
-def requested(request: DecodeRequest | None, fields: dict[str, Any]) -> DecodeRequest:
+def make_request(request: DecodeRequest | None, fields: dict[str, Any]) -> DecodeRequest:
     """The request of a call: one given whole, or the one its keywords describe.
 
     Raises:
@@ -128,8 +128,8 @@ def decode(
         Malformed, Unsupported, LimitExceeded: the file is refused (SPEC §12).
         TypeError: `request` and `fields` were given, or a field that there is not.
     """
-    with opened(source) as stream:
-        decoding = Decoding(stream, requested(request, fields), counters)
+    with use_source(source) as stream:
+        decoding = Decoding(stream, make_request(request, fields), counters)
         return decoding.whole(decoding.anchors)
 
 
@@ -141,8 +141,8 @@ def iter_tiles(
     Together, in order, the parts are exactly what :func:`decode` gives. Tiles without anchors are left out. Bytes are
     counted when the last part was taken. Nothing is read or refused before the first part is asked for.
     """
-    with opened(source) as stream:
-        decoding = Decoding(stream, requested(request, fields), counters)
+    with use_source(source) as stream:
+        decoding = Decoding(stream, make_request(request, fields), counters)
         yield from decoding.parts(decoding.anchors)
 
 
@@ -156,11 +156,11 @@ def decode_scene(
     Returns:
         Gaussians, or in the anchor profile a model that makes them for a camera.
     """
-    with opened(source) as stream:
-        decoding = Decoding(stream, requested(request, fields), counters)
+    with use_source(source) as stream:
+        decoding = Decoding(stream, make_request(request, fields), counters)
         if decoding.reader.header.fields.profile == Profile.EXPLICIT:
             return decoding.whole(decoding.gaussians)
-        return decoding.whole(decoding.anchors).activated()
+        return decoding.whole(decoding.anchors).activate()
 
 
 class Decoding:
@@ -238,7 +238,7 @@ class Decoding:
         if self.streams == ALL_STREAMS:
             return self.streams
         neural = self.models.neural(indices=Stream.INDICES in self.streams)[-1]
-        return self.streams | needed_streams(self.models.model, self.streams, neural)
+        return self.streams | find_needed(self.models.model, self.streams, neural)
 
     def anchors(self, count: int) -> Decoded:
         """Room for the values of anchors."""
@@ -310,7 +310,7 @@ class Decoding:
             content = self.reader.tile(self.models, tile, blocks, self.streams)
             made.put_content(self.reader, self.models.model, tile, content)
             if isinstance(out, GaussianScene):
-                scene = made.activated()
+                scene = made.activate()
                 assert isinstance(scene, GaussianScene)
                 out.assign(scene)
         return blocks, out

@@ -91,9 +91,9 @@ class Decoded:
         Raises:
             InvalidInput: ``input-attributes`` when not all attributes were decoded.
         """
-        return self.activated()
+        return self.activate()
 
-    def activated(self, dtype: type = np.float32) -> GaussianScene | AnchorModel:
+    def activate(self, dtype: type = np.float32) -> GaussianScene | AnchorModel:
         """The `scene` computed in `dtype`. In float64 it is the reference of the tolerances (SPEC §9.5)."""
         check_attributes(self.attributes, ATTRIBUTES)
         assert self.positions is not None
@@ -114,12 +114,12 @@ class Decoded:
     def take(self, index: NDArray[np.generic] | slice) -> Decoded:
         """The anchors at `index` (as numpy indexing), in that order; of a slice, views of them."""
 
-        def chosen(value: Any) -> Any:
+        def choose(value: Any) -> Any:
             if isinstance(value, dict):
                 return {stream: values[index] for stream, values in value.items()}
             return value[index] if isinstance(value, np.ndarray) else value
 
-        return Decoded(*(chosen(getattr(self, field.name)) for field in fields(self)))
+        return Decoded(*(choose(getattr(self, field.name)) for field in fields(self)))
 
     rows = take
 

@@ -20,7 +20,7 @@ from scarfmt.coding.tile import TileContent
 from scarfmt.container.directory import Tile, corners
 from scarfmt.container.morton import deinterleave
 from scarfmt.container.schema import Stream
-from scarfmt.scene.activation import activated
+from scarfmt.scene.activation import activate
 from scarfmt.scene.description import Description
 from scarfmt.scene.gaussians import AnchorModel, GaussianScene, Mlp
 from scarfmt.scene.model import Codebooks, Lattice, SceneModel
@@ -123,7 +123,7 @@ def explicit_scene(
     for first in range(0, count, _ROWS):
         rows = slice(first, first + _ROWS)
         part = {stream: values[stream][rows] for stream in _ACTIVATED if stream in values}
-        rotations[rows], logits[rows], sh[rows, 0] = activated(part, len(logits[rows]), dtype)
+        rotations[rows], logits[rows], sh[rows, 0] = activate(part, len(logits[rows]), dtype)
     if decoder is not None:
         rest = network_outputs(decoder, values.get(Stream.LATENT), codewords, count, dtype)
         given = rest.shape[1] // 3

@@ -37,7 +37,7 @@ _FIRST_DECAY, _SECOND_DECAY, _EPSILON = 0.9, 0.99, 1e-10
 _SEED = 1
 
 
-def refined(
+def refine(
     model: AnchorModel, baked: GaussianScene, views: Sequence[Camera], steps: int, report: Report = silent
 ) -> GaussianScene:
     """A baked scene whose pictures come nearer to those of its model. The same arguments, the same result.
@@ -68,13 +68,13 @@ def _turns(views: Sequence[Camera], steps: int) -> list[Camera]:
     numbers = np.random.default_rng(_SEED)
     turns = -(-steps // len(views))
     order = np.concatenate([numbers.permutation(len(views)) for _ in range(turns)])[:steps]
-    return [_sampled(views[number], numbers) for number in order]
+    return [_sample_pixels(views[number], numbers) for number in order]
 
 
-def _sampled(view: Camera, numbers: np.random.Generator) -> Camera:
+def _sample_pixels(view: Camera, numbers: np.random.Generator) -> Camera:
     """One pixel of each n x n of a view, at a random place in them, the same in all."""
     every = max(1, round(math.sqrt(view.width * view.height / _SAMPLES)))
-    sampled = view.sampled(every)
+    sampled = view.sample(every)
     shift = (0.5 * (every - 1) - numbers.integers(0, every, 2)) / every
     return replace(sampled, cx=sampled.cx + float(shift[0]), cy=sampled.cy + float(shift[1]))
 
@@ -143,10 +143,10 @@ class _Descent:
         scene.opacity_logits[rows] -= part * _LOGIT_RATE * self.logit.move(rows, slopes.logit, seen)
         scene.log_scales[rows] -= part * _SCALE_RATE * self.scale.move(rows, slopes.log_scale, seen)
         turns = part * _TURN_RATE * self.turn.move(rows, slopes.turn, seen)
-        scene.rotations[rows] = _turned(scene.rotations[rows], -turns)
+        scene.rotations[rows] = _turn(scene.rotations[rows], -turns)
 
 
-def _turned(rotations: F32, turns: F32) -> F32:
+def _turn(rotations: F32, turns: F32) -> F32:
     """(V, 4) quaternions turned by small (V, 3) angles about their own axes, radians; not normalised again."""
     w, axis, half = rotations[:, :1], rotations[:, 1:], 0.5 * turns
     return np.hstack([w - (axis * half).sum(axis=1, keepdims=True), axis + w * half + np.cross(axis, half)])

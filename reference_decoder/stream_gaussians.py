@@ -55,7 +55,7 @@ def stream_gaussians(
         raise InvalidInput("input-bake", "an anchor model has no fixed Gaussians until it is baked")
     from reference_decoder.bake import bake_model
 
-    model = decoding.whole(decoding.anchors).activated()
+    model = decoding.whole(decoding.anchors).activate()
     assert not isinstance(model, GaussianScene)
     scene, comments = bake_model(model, baking, report) if len(model) else (None, ())
     described = replace(describe_output(decoding.reader), sh_degree=baking.sh_degree, comments=comments)

@@ -199,7 +199,7 @@ class Encoder:
 
     def _metric(self, problem: RdoInput, curves: Sequence[RdCurve], views: int, most: float) -> PreviewMetric:
         """How good layers look from at least so many `views` of each kind, each counting as at most `most` dB."""
-        scene, judge = PreviewScene.of(problem, curves), self._judge.thinned(views, most)
+        scene, judge = PreviewScene.of(problem, curves), self._judge.thin(views, most)
 
         def decibels(steps: Sequence[Steps], parts: Sequence[float]) -> float:
             self._report()

@@ -77,7 +77,7 @@ def pack(value: Any) -> list[bytes | memoryview]:
         offset += len(data) + fill
         return at
 
-    text = json.dumps(_packed(value, place)).encode()
+    text = json.dumps(_pack_part(value, place)).encode()
     text += b" " * (-(len(_MARK) + _DIGEST + _LENGTH + len(text)) % _ALIGNMENT)
     content = [len(text).to_bytes(_LENGTH, "little"), text, *payloads]
     digest = hashlib.sha256()
@@ -86,12 +86,12 @@ def pack(value: Any) -> list[bytes | memoryview]:
     return [_MARK, digest.digest(), *content]
 
 
-def _packed(value: Any, place: Callable[[bytes | memoryview], int]) -> Any:
+def _pack_part(value: Any, place: Callable[[bytes | memoryview], int]) -> Any:
     kind = type(value)
     if value is None or kind in (bool, int, float, str):
         return value
     if kind is list:
-        return [_packed(part, place) for part in value]
+        return [_pack_part(part, place) for part in value]
     if kind is bytes:
         return {"b": [place(value), len(value)]}
     if kind is np.ndarray and value.dtype.kind in _NUMBERS:
@@ -103,9 +103,9 @@ def _packed(value: Any, place: Callable[[bytes | memoryview], int]) -> Any:
     if isinstance(value, IntEnum):
         return {name: int(value)}
     if isinstance(value, dict):
-        return {name: [[_packed(key, place), _packed(part, place)] for key, part in value.items()]}
+        return {name: [[_pack_part(key, place), _pack_part(part, place)] for key, part in value.items()]}
     parts = [getattr(value, field.name) for field in fields(value)] if is_dataclass(value) else value
-    return {name: [_packed(part, place) for part in parts]}
+    return {name: [_pack_part(part, place) for part in parts]}
 
 
 def unpack(data: bytes) -> Any:
@@ -120,14 +120,14 @@ def unpack(data: bytes) -> Any:
         raise ValueError("damaged, or of another version")
     length = int.from_bytes(content[:_LENGTH], "little")
     try:
-        return _unpacked(json.loads(bytes(content[_LENGTH : _LENGTH + length])), content[_LENGTH + length :])
+        return _unpack_part(json.loads(bytes(content[_LENGTH : _LENGTH + length])), content[_LENGTH + length :])
     except (LookupError, TypeError, AttributeError, RecursionError, OverflowError) as error:
         raise ValueError(f"not what this program writes ({error})") from error
 
 
-def _unpacked(value: Any, payloads: memoryview) -> Any:
+def _unpack_part(value: Any, payloads: memoryview) -> Any:
     if isinstance(value, list):
-        return [_unpacked(part, payloads) for part in value]
+        return [_unpack_part(part, payloads) for part in value]
     if not isinstance(value, dict):
         return value
     [(name, parts)] = value.items()
@@ -143,8 +143,8 @@ def _unpacked(value: Any, payloads: memoryview) -> Any:
     if issubclass(kind, IntEnum):
         return kind(parts)
     if issubclass(kind, dict):
-        return kind((_unpacked(key, payloads), _unpacked(part, payloads)) for key, part in parts)
-    made = [_unpacked(part, payloads) for part in parts]
+        return kind((_unpack_part(key, payloads), _unpack_part(part, payloads)) for key, part in parts)
+    made = [_unpack_part(part, payloads) for part in parts]
     if hasattr(kind, "__dataclass_fields__"):
         return kind(**dict(zip((field.name for field in fields(kind)), made, strict=True)))
     return tuple(made) if kind is tuple else kind(*made)

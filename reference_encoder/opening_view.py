@@ -70,7 +70,7 @@ def find_opening_view(scene: GaussianScene | AnchorModel, options: EncodeOptions
     shown = [_show(drawable, view) for view in views]
     best, _ = max(zip(views, shown, strict=True), key=lambda pair: pair[0].factor * pair[1][0])
     edge = float(np.median([_edge(opacity) for _, opacity in shown[:OPENING_TURNS]]))
-    return (_fitted(drawable, around, best) if best.outside and edge < OPENING_FRAMED else None) or best.camera
+    return (_fit_view(drawable, around, best) if best.outside and edge < OPENING_FRAMED else None) or best.camera
 
 
 @dataclass(frozen=True)
@@ -94,7 +94,7 @@ class _View:
 
 def _show(drawable: Drawable, view: _View) -> tuple[float, F32]:
     """What a small picture of a view shows: its detail, less where fog is, and its (height, width) opacity."""
-    camera, positions = view.camera.sampled(OPENING_SAMPLING), drawable.scene.positions
+    camera, positions = view.camera.sample(OPENING_SAMPLING), drawable.scene.positions
     depth = (positions - camera.centre) @ camera.world_to_camera[2, :3]
     # Two more channels: how much of it is fog, and how opaque it is.
     shares = np.stack([depth < view.fog, np.ones(len(depth)), np.zeros(len(depth))], axis=1)
@@ -130,13 +130,13 @@ def _look_at(around: Surroundings, target: F64, direction: F64, radii: float, fa
     return _View(camera, direction, OPENING_FOG * distance, factor, outside=True)
 
 
-def _fitted(drawable: Drawable, around: Surroundings, view: _View) -> Camera | None:
+def _fit_view(drawable: Drawable, around: Surroundings, view: _View) -> Camera | None:
     """The view from the same side in which the subject fills the frame; None where it does not stand by itself."""
     wide = _look_at(around, around.middle, view.direction, OPENING_WIDE)
     _, opacity = _show(drawable, wide)
     if _edge(opacity) >= OPENING_ALONE or not opacity.any():
         return None
-    camera, (height, width) = wide.camera.sampled(OPENING_SAMPLING), opacity.shape
+    camera, (height, width) = wide.camera.sample(OPENING_SAMPLING), opacity.shape
     # Places between which all but a hundredth of the opacity at either end lies, pixels.
     totals = [np.cumsum(opacity.sum(axis=axis)) for axis in (0, 1)]
     across, down = (np.interp([0.01, 0.99], each / each[-1], np.arange(len(each)) + 1.0) for each in totals)
@@ -179,7 +179,7 @@ def draw_thumbnail(view: Callable[[Camera], F32], camera: Camera, most: int) -> 
     if not features.check("webp"):
         return None
     for width in THUMBNAIL_WIDTHS:
-        image = Image.fromarray(to_bytes(view(camera.scaled(width / camera.width))))
+        image = Image.fromarray(to_bytes(view(camera.scale(width / camera.width))))
         for quality in THUMBNAIL_QUALITIES:
             file = io.BytesIO()
             image.save(file, "WEBP", quality=quality, method=6)

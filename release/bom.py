@@ -47,15 +47,15 @@ def write_bill(tree: Tree, out: Path) -> Path:
     described = json.loads(contents(npm)["package/package.json"])
     if described.get("dependencies"):
         raise ValueError(f"{npm.name} has dependencies: add them to the bill")
-    bundled = [_component(one) for one in bundled_in(wheel)]
+    bundled = [_component(one) for one in list_bundled(wheel)]
     page = _artefact(wheel, "pypi", "scarfmt", version) | {"components": bundled}
-    parts = [page, _artefact(npm, "npm", "scar-stream", version), *_required(wheel)]
+    parts = [page, _artefact(npm, "npm", "scar-stream", version), *_list_required(wheel)]
     target = out / f"scarfmt-{version}.cdx.json"
     target.write_text(json.dumps(_bill(parts, version, tree.epoch), indent=1) + "\n", encoding="utf-8")
     return target
 
 
-def bundled_in(wheel: Path) -> list[Bundled]:
+def list_bundled(wheel: Path) -> list[Bundled]:
     """The packages of others in the page of a wheel, as its build wrote them down."""
     with zipfile.ZipFile(wheel) as archive:
         found: list[Bundled] = json.loads(archive.read(COMPONENTS))
@@ -89,7 +89,7 @@ def _component(one: Bundled) -> Entry:
     return named | _licence(one["licence"]) | {"purl": purl}
 
 
-def _required(wheel: Path) -> list[Entry]:
+def _list_required(wheel: Path) -> list[Entry]:
     """Packages that pip brings beside the wheel, those of extras as optional; not in it, so of no fixed version."""
     with zipfile.ZipFile(wheel) as archive:
         (name,) = (name for name in archive.namelist() if name.endswith(".dist-info/METADATA"))

@@ -15,7 +15,7 @@ from pathlib import Path
 from release.archives import settle_tar
 from release.bom import write_bill
 from release.npm import build_web, pack_npm
-from release.tree import Tree, exported, uncommitted
+from release.tree import Tree, export, list_uncommitted
 from release.vectors import write_vectors
 
 SUMS = "SHA256SUMS"
@@ -36,7 +36,7 @@ def build(commit: str, out: Path) -> None:
     out.mkdir(parents=True)
     out = out.resolve()
     with tempfile.TemporaryDirectory(prefix="scarfmt-release-") as place:
-        tree = exported(commit, Path(place) / "tree")
+        tree = export(commit, Path(place) / "tree")
         tools = Path(place) / "tools"
         _install_tools(tree, tools)
         build_web(tree, tools)
@@ -75,7 +75,7 @@ def main() -> int:
     arguments = parser.parse_args()
     if arguments.out.exists():
         parser.error(f"{arguments.out} exists: remove it, or name another folder")
-    if arguments.commit == "HEAD" and (changed := uncommitted()):
+    if arguments.commit == "HEAD" and (changed := list_uncommitted()):
         print(f"not in the release, because not committed: {', '.join(changed)}", file=sys.stderr)
     build(arguments.commit, arguments.out)
     print((arguments.out / SUMS).read_text(encoding="utf-8"), end="")

@@ -62,7 +62,7 @@ class Tree:
         raise ValueError("scarfmt/__init__.py has no __version__ of three numbers")
 
 
-def exported(commit: str, folder: Path) -> Tree:
+def export(commit: str, folder: Path) -> Tree:
     """The files of a commit, written below a new folder.
 
     Raises:
@@ -78,7 +78,7 @@ def exported(commit: str, folder: Path) -> Tree:
     return Tree(folder, int(_git("log", "-1", "--format=%ct", commit)))
 
 
-def uncommitted() -> list[str]:
+def list_uncommitted() -> list[str]:
     """Names of tracked files that differ from the last commit."""
     return [line[3:] for line in _git("status", "--porcelain", "--untracked-files=no").splitlines()]
 

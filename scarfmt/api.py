@@ -15,7 +15,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, Self
 
-from reference_decoder.decode import DecodeRequest, decode, decode_scene, iter_tiles, requested
+from reference_decoder.decode import DecodeRequest, decode, decode_scene, iter_tiles, make_request
 from reference_decoder.decoded import Decoded
 from reference_decoder.lod_selection import LevelOfDetail, iter_view
 from reference_decoder.region import tile_boxes
@@ -27,7 +27,7 @@ from scarfmt.atomic import atomic_write
 from scarfmt.coding.reader import SceneReader
 from scarfmt.coding.writer import Report, silent
 from scarfmt.container.header import Header, LayerSummary, is_scar, read_header
-from scarfmt.container.source import KeptSource, Origin, open_source, opened
+from scarfmt.container.source import KeptSource, Origin, open_source, use_source
 from scarfmt.counters import Counters
 from scarfmt.errors import InputWarning, InvalidInput, plural
 from scarfmt.limits import DEFAULT_LIMITS, Limits
@@ -128,7 +128,7 @@ class ScarFile:
 
     def _request(self, request: DecodeRequest | None, fields: dict[str, Any]) -> DecodeRequest:
         """The request; fields that name no limits have those the file was opened with."""
-        return requested(request, fields if request else {"limits": self._limits, **fields})
+        return make_request(request, fields if request else {"limits": self._limits, **fields})
 
 
 def open(source: Origin, *, limits: Limits = DEFAULT_LIMITS) -> ScarFile:
@@ -164,8 +164,8 @@ def decode_view(
         InvalidInput: ``input-scene`` for an anchor model; the request does not fit.
         Malformed, Unsupported, LimitExceeded: the file is refused (SPEC §12).
     """
-    with opened(source) as stream:
-        parts = list(iter_view(stream, requested(request, fields), view, counters))
+    with use_source(source) as stream:
+        parts = list(iter_view(stream, make_request(request, fields), view, counters))
         return concatenate(parts, read_header(stream, allow_truncated=True).fields.sh_degree)
 
 
@@ -314,7 +314,7 @@ def inspect(source: Origin, *, metadata: bool = False, limits: Limits = DEFAULT_
         InvalidInput: ``input-source`` when it cannot be opened.
         Malformed, Truncated, Unsupported, LimitExceeded: what is read is refused (SPEC §12).
     """
-    with opened(source) as stream:
+    with use_source(source) as stream:
         return inspection.inspect(stream, metadata=metadata, limits=limits)
 
 
@@ -330,7 +330,7 @@ def truncate(source: Origin, layers: int, *, limits: Limits = DEFAULT_LIMITS) ->
         InvalidInput: ``input-layers`` when the file does not have so many, ``input-source``.
         Malformed, Truncated, Unsupported, LimitExceeded: the file is refused (SPEC §12).
     """
-    with opened(source) as stream:
+    with use_source(source) as stream:
         return truncation.truncate(stream, layers, limits=limits)
 
 
@@ -348,5 +348,5 @@ def validate(
     Raises:
         InvalidInput: ``input-layers`` when the file does not declare so many, ``input-source``.
     """
-    with opened(source) as stream:
+    with use_source(source) as stream:
         return validation.validate(stream, layers=layers, limits=limits, report=report)

@@ -57,10 +57,10 @@ class ScarError(Exception):
 
     def __reduce__(self) -> tuple[Any, ...]:
         # BaseException would call the class with the printed text alone: no error would survive a worker process.
-        return _restored, (type(self), self.refusal, self.message, self.offset, self.field)
+        return _restore, (type(self), self.refusal, self.message, self.offset, self.field)
 
 
-def _restored(kind: type[ScarError], refusal: str, message: str, offset: int | None, field: str | None) -> ScarError:
+def _restore(kind: type[ScarError], refusal: str, message: str, offset: int | None, field: str | None) -> ScarError:
     return kind(refusal, message, offset=offset, field=field)
 
 

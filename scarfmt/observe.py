@@ -12,7 +12,7 @@ from typing import Protocol
 from scarfmt.arrays import F64, I64, Numbers
 from scarfmt.container.schema import Stream
 from scarfmt.entropy.keys import TableKey
-from scarfmt.entropy.rans import cached_uniform
+from scarfmt.entropy.rans import make_uniform
 from scarfmt.entropy.symbol_reader import SymbolReader
 from scarfmt.entropy.symbol_tables import SymbolTable
 
@@ -63,7 +63,7 @@ class ObservedReader(SymbolReader):
     def read_uniform(self, size: int, count: int) -> I64:
         values = super().read_uniform(size, count)
         if count:
-            self._observer.frequencies(self._stream, 0, cached_uniform(size).frequencies)
+            self._observer.frequencies(self._stream, 0, make_uniform(size).frequencies)
         return values
 
     def read_rows(self, weights: F64, stage: int) -> I64:

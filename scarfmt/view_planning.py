@@ -129,10 +129,10 @@ def solid_angle(boxes: Boxes, eye: F64) -> F64:
     A box that `eye` is in, or next to, takes up the whole sphere.
     """
     with np.errstate(over="ignore", invalid="ignore"):
-        return _projected(boxes.half, np.abs(boxes.middle - eye))
+        return _project(boxes.half, np.abs(boxes.middle - eye))
 
 
-def _projected(half: F64, away: F64) -> F64:
+def _project(half: F64, away: F64) -> F64:
     squared = away[:, 0] * away[:, 0] + away[:, 1] * away[:, 1] + away[:, 2] * away[:, 2]
     distance = np.sqrt(squared)
     area = away[:, 0] * half[:, 1] * half[:, 2] + away[:, 1] * half[:, 0] * half[:, 2]

@@ -11,7 +11,7 @@ import pytest
 
 import scarfmt
 from fuzz.testing.scenes import random_scene
-from reference_decoder.decode import requested
+from reference_decoder.decode import make_request
 from scarfmt.coding.writer import write_scene
 from scarfmt.container.source import BytesSource
 from scarfmt.errors import InvalidInput, LimitExceeded, Malformed, Truncated
@@ -64,10 +64,10 @@ def test_checkers_of_types_see_the_names_that_are_there() -> None:
 
 def test_a_request_is_given_whole_or_by_its_fields() -> None:
     request = scarfmt.DecodeRequest(layers=2)
-    assert requested(request, {}) is request
-    assert requested(None, {"layers": 2}) == request
+    assert make_request(request, {}) is request
+    assert make_request(None, {"layers": 2}) == request
     with pytest.raises(TypeError, match="not both: threads"):
-        requested(request, {"threads": 2})
+        make_request(request, {"threads": 2})
     with pytest.raises(TypeError, match="tile"):
         scarfmt.decode(DATA, tile=[0])  # type: ignore[call-arg]
 

@@ -12,7 +12,7 @@ from reference_decoder.decode import DecodeRequest, decode, iter_tiles
 from reference_decoder.region import tile_boxes
 from reference_decoder.stream_gaussians import stream_gaussians
 from scarfmt.coding.reader import SceneReader
-from scarfmt.coding.tile import needed_streams
+from scarfmt.coding.tile import find_needed
 from scarfmt.coding.writer import write_scene
 from scarfmt.container.schema import BlockKind, Stream
 from scarfmt.container.source import BytesSource
@@ -71,7 +71,7 @@ def test_attributes_take_the_sub_streams_they_need_and_no_other(native: bool) ->
         reader = SceneReader(BytesSource(data))
         models = reader.models()
         wanted = {Stream.POSITION_RESIDUAL, Stream.OPACITY}
-        needed = needed_streams(models.model, wanted, models.neural()[-1]) | ALWAYS
+        needed = find_needed(models.model, wanted, models.neural()[-1]) | ALWAYS
         assert Stream.INDICES not in needed
         taken = 0
         for entry in reader.container.entries:

@@ -41,7 +41,7 @@ class Activated:
         return b"".join(np.ascontiguousarray(array).astype("<f8").tobytes() for array in arrays)
 
 
-def activated(scene: QuantisedScene, arrays: Arrays, camera: tuple[float, ...] | None = None) -> dict[str, Activated]:
+def activate(scene: QuantisedScene, arrays: Arrays, camera: tuple[float, ...] | None = None) -> dict[str, Activated]:
     """The activated values of a scene, by their names in PROTOCOL.md.
 
     Args:
@@ -182,12 +182,12 @@ def _anchor(scene: QuantisedScene, arrays: Arrays, camera: F64) -> dict[str, Act
 
 def view(away: F64) -> F64:
     """(n, 4) unit direction and distance of (n, 3) vectors, no square of which over- or underflows."""
-    scaled, length, exponents = _scaled(away)
+    scaled, length, exponents = _scale(away)
     direction = np.where(length == 0, 0.0, scaled / length)
     return np.concatenate([direction, np.ldexp(length, exponents)], axis=1)
 
 
-def _scaled(vectors: F64) -> tuple[F64, F64, NDArray[np.int32]]:
+def _scale(vectors: F64) -> tuple[F64, F64, NDArray[np.int32]]:
     """(..., k) vectors divided by 2^e, (..., 1) their lengths then, and (..., 1) e."""
     exponents = np.frexp(np.abs(vectors).max(axis=-1, keepdims=True, initial=0))[1]
     scaled = np.ldexp(vectors, -exponents)
@@ -207,7 +207,7 @@ def deviations(scale: F64, q: F64, magnitude: F64) -> tuple[F64, F64]:
 
 def quaternions(q: F64, magnitude: F64) -> tuple[F64, F64]:
     """(..., 4) of length 1, (1, 0, 0, 0) where all are 0; and their m, `magnitude` the M of `q`."""
-    scaled, length, exponents = _scaled(q)
+    scaled, length, exponents = _scale(q)
     unit = np.where(length == 0, np.array([1.0, 0.0, 0.0, 0.0]), scaled / length)
     long, largest = np.ldexp(length, exponents), magnitude.max(axis=-1, keepdims=True)
     m = np.where(_beyond(largest) | (long < SHORTEST_COMPARED), np.inf, largest / long)

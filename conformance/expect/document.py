@@ -12,9 +12,9 @@ from conformance.decoders.python.container import METADATA_KIND, annotation, con
 from conformance.decoders.python.decoder import Decoder
 from conformance.decoders.python.front import Limits
 from conformance.decoders.python.streaming import read_streaming
-from conformance.expect.activated import Activated, activated
+from conformance.expect.activated import Activated, activate
 from conformance.expect.expectations import Arrays, decoded_arrays, expected_streaming, scene_arrays
-from conformance.expect.features import exercised, features_of
+from conformance.expect.features import features_of, list_rules
 from conformance.expect.places import interval, places
 from conformance.scenes.cases import Case
 from scarfmt.coding.writer import QuantisedScene, keep_layers
@@ -51,9 +51,9 @@ def expectation(case: Case) -> tuple[dict[str, Any], Extra]:
         features.add(profile)
     decoded: dict[str, Any] = {}
     if case.scene is not None:
-        decoded, extra, found = _decoded(case, case.scene)
+        decoded, extra, found = _describe_decoded(case, case.scene)
         features |= found
-        rules |= exercised(found)
+        rules |= list_rules(found)
     out: dict[str, Any] = {
         "format": FORMAT,
         "id": case.id,
@@ -78,7 +78,7 @@ def _refusals(case: Case) -> dict[str, Any]:
     return {"refusals": list(case.refusals)} if case.result == "either" else {}
 
 
-def _decoded(case: Case, scene: QuantisedScene) -> tuple[dict[str, Any], Extra, set[str]]:
+def _describe_decoded(case: Case, scene: QuantisedScene) -> tuple[dict[str, Any], Extra, set[str]]:
     """``layers`` and ``metadata``, the files of activated values, the features."""
     decoders = [Decoder(case.data, k, _ANY) for k in range(1, (case.layers or len(scene.model.layers)) + 1)]
     answers = [Answers(decoder) for decoder in decoders]
@@ -100,9 +100,10 @@ def _decoded(case: Case, scene: QuantisedScene) -> tuple[dict[str, Any], Extra, 
     if vector_class(case.id) in ("valid", "edge") and small:
         if scene.fields.profile == Profile.ANCHOR:
             camera = {"camera": list(case.camera or scene.fields.origin)}
-        made, extra = _activated(activated(scene, decoded_arrays(answers[-1]), camera.get("camera")), len(layers))
+        arrays = activate(scene, decoded_arrays(answers[-1]), camera.get("camera"))
+        made, extra = _describe_activated(arrays, len(layers))
         layers[-1]["stages"]["activated"] = made
-        features |= _activated_features(features)
+        features |= _add_activated_features(features)
     return {**camera, "layers": layers, **_metadata(case), **_streaming(case)}, extra, features
 
 
@@ -115,7 +116,7 @@ def _agree(id_: str, found: dict[str, dict[str, Any]], arrays: Arrays) -> None:
         raise RuntimeError(f"{id_}: the readable decoder gets other {', '.join(wrong)} than the scene has")
 
 
-def _activated(made: dict[str, Activated], layer: int) -> tuple[dict[str, Any], Extra]:
+def _describe_activated(made: dict[str, Activated], layer: int) -> tuple[dict[str, Any], Extra]:
     paths = {name: f"activated/{layer}-{name}.bin" for name in made}
     rows = {
         name: {
@@ -128,7 +129,7 @@ def _activated(made: dict[str, Activated], layer: int) -> tuple[dict[str, Any], 
     return {"arrays": rows}, {paths[name]: array.to_bytes() for name, array in made.items()}
 
 
-def _activated_features(features: set[str]) -> set[str]:
+def _add_activated_features(features: set[str]) -> set[str]:
     out = {"activated", "activated-anchor" if "anchor" in features else "activated-explicit"}
     if "explicit" in features and "colour" in features:
         out.add("activated-colour")

@@ -23,18 +23,18 @@ def scene_arrays(scene: QuantisedScene) -> Arrays:
     contents = scene.contents or (TileContent.empty(scene.model),)
     out: Arrays = {
         "tile": np.repeat(np.arange(len(contents), dtype="<u4"), [len(content) for content in contents]),
-        "code": _joined([content.codes for content in contents], "<u8"),
-        "class": _joined([content.classes for content in contents], "u1"),
-        "index": _joined([content.indices for content in contents], "<u2"),
+        "code": _join([content.codes for content in contents], "<u8"),
+        "class": _join([content.classes for content in contents], "u1"),
+        "index": _join([content.indices for content in contents], "<u2"),
     }
     if scene.fields.profile == Profile.ANCHOR:
-        out["slot_layer"] = _joined([content.slot_layers for content in contents], "u1")
+        out["slot_layer"] = _join([content.slot_layers for content in contents], "u1")
     for number, channel in enumerate(scene.model.channels):
-        out[f"v.{channel.stream.name}"] = _joined([content.values[number] for content in contents], "<i4")
+        out[f"v.{channel.stream.name}"] = _join([content.values[number] for content in contents], "<i4")
     return {**out, **_models(scene)}
 
 
-def _joined(parts: Sequence[NDArray[Any]], dtype: str) -> NDArray[Any]:
+def _join(parts: Sequence[NDArray[Any]], dtype: str) -> NDArray[Any]:
     return np.concatenate(parts).astype(dtype)
 
 

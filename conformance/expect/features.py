@@ -48,7 +48,7 @@ def features_of(decoder: Decoder, anchors: int) -> set[str]:
     return found | set(_blocks(decoder))
 
 
-def exercised(features: set[str]) -> set[str]:
+def list_rules(features: set[str]) -> set[str]:
     """The rules that decoding a file of these features exercises."""
     return {rule for feature in features for rule in RULES.get(feature, ())}
 

@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 
 from conformance.scenes.cases import Fault
-from conformance.surgery.edit import numbered
-from conformance.surgery.files import block_of, blocks_of, changed, copied, rebuilt, renumbered, without
-from conformance.writer.tables import folded
+from conformance.surgery.edit import renumber
+from conformance.surgery.files import block_of, blocks_of, change_block, change_numbers, copy_block, rebuilt, without
+from conformance.writer.tables import fold
 from scarfmt.blocks.codebooks import pack_codebooks, unpack_codebooks
 from scarfmt.blocks.mlp import Linear, QuantisedMlp, pack_networks
 from scarfmt.container.schema import BlockKind
@@ -36,11 +36,11 @@ def codebook_faults(static: bytes, refined: bytes) -> Iterator[Fault]:
         ("books-three", "three codebooks", _LIMIT, "book_count", 3, 2),
         ("book-dimensions-65", "65 dimensions", _LIMIT, "d", 65, 0),
         ("book-4097", "4097 codewords", _LIMIT, "size", 4097, 0),
-        ("codeword-low", "a component of -65536", _BOOK, "words", folded(-65536), 0),
+        ("codeword-low", "a component of -65536", _BOOK, "words", fold(-65536), 0),
         ("codeword-highest", "a component of 2^31 - 1", _BOOK, "words", (1 << 32) - 2, 0),
     ):
-        yield name, what, *rule, renumbered(static, kind, numbered((field, value)), growth)
-    twice = renumbered(static, kind, lambda n: [n[0], (n[1][0], 2), *n[2:], *n[2:]], 1)
+        yield name, what, *rule, change_numbers(static, kind, renumber((field, value)), growth)
+    twice = change_numbers(static, kind, lambda n: [n[0], (n[1][0], 2), *n[2:], *n[2:]], 1)
     yield "books-equal", "codebook 0 twice", *_BOOK, twice
     yield from _book_places(static, refined, words)
 
@@ -49,23 +49,23 @@ def _book_places(static: bytes, refined: bytes, words: np.ndarray) -> Iterator[F
     rule = "R-7.8-2"
     one = pack_codebooks({1: words})
     yield ("book-other", "codebook 1 where codebook 0 is first needed", rule, "bad-codebook",
-           changed(static, BlockKind.CODEBOOKS, 1, lambda _: one))
+           change_block(static, BlockKind.CODEBOOKS, 1, lambda _: one))
     both = pack_codebooks({0: words, 1: words})
     yield ("book-early", "codebook 1 beside codebook 0, but no layer needs it", rule, "bad-codebook",
-           changed(static, BlockKind.CODEBOOKS, 1, lambda _: both, 1))
+           change_block(static, BlockKind.CODEBOOKS, 1, lambda _: both, 1))
     yield ("book-late", "codebook 1 is first needed in layer 2, but absent", rule, "missing-block",
            without(refined, BlockKind.CODEBOOKS, 2))
     later = block_of(refined, BlockKind.CODEBOOKS, 2).payload
     first = block_of(refined, BlockKind.CODEBOOKS, 1).payload
     again = pack_codebooks({**unpack_codebooks(first), **unpack_codebooks(later)})
     yield ("book-again", "codebook 0 again, beside codebook 1 in the layer that first needs that", rule, "bad-codebook",
-           changed(refined, BlockKind.CODEBOOKS, 2, lambda _: again, 1))
+           change_block(refined, BlockKind.CODEBOOKS, 2, lambda _: again, 1))
     narrow = pack_codebooks({0: words[:, :1]})
     yield ("book-narrow", "codewords of a dimension less than DECODER_MLP takes", "R-7.8-3", "bad-mlp",
-           changed(static, BlockKind.CODEBOOKS, 1, lambda _: narrow))
+           change_block(static, BlockKind.CODEBOOKS, 1, lambda _: narrow))
     wide = {n: np.pad(book, ((0, 0), (0, 1))) for n, book in unpack_codebooks(later).items()}
     yield ("book-wide", "codebook 1 of a dimension more than codebook 0", "R-7.8-3", "bad-mlp",
-           changed(refined, BlockKind.CODEBOOKS, 2, lambda _: pack_codebooks(wide)))
+           change_block(refined, BlockKind.CODEBOOKS, 2, lambda _: pack_codebooks(wide)))
 
 
 # ---------------------------------------------------------------------------------------------- networks
@@ -90,7 +90,7 @@ def decoder_faults(static: bytes, coloured: bytes) -> Iterator[Fault]:
     kind, good = BlockKind.DECODER_MLP, _layer(12, 2)
 
     def decoder(*networks: Layers) -> bytes:
-        return changed(static, kind, 1, lambda _: _networks(*networks), len(networks) - 1)
+        return change_block(static, kind, 1, lambda _: _networks(*networks), len(networks) - 1)
 
     yield "mlp-no-layer", "a network of no layers", *_LAYERS, decoder(())
     yield "mlp-no-rows", "a layer of no rows", *_LAYERS, decoder((_layer(0, 2), good))
@@ -103,11 +103,11 @@ def decoder_faults(static: bytes, coloured: bytes) -> Iterator[Fault]:
         yield f"mlp-bias-{name}", f"a bias that is {name}", *_LAYERS, decoder((_layer(12, 2, bias=value),))
     yield "mlp-two-networks", "two networks in DECODER_MLP", "R-7.9-2", "bad-mlp", decoder((good,), (good,))
     yield "mlp-absent", "a stage, but no DECODER_MLP", "R-7.9-2", "missing-block", without(static, kind, 1)
-    yield "mlp-again", "a second DECODER_MLP", "R-7.9-2", "unexpected-block", copied(coloured, kind, 2)
+    yield "mlp-again", "a second DECODER_MLP", "R-7.9-2", "unexpected-block", copy_block(coloured, kind, 2)
     yield ("mlp-outputs", "no outputs for the coefficients of degree 0", "R-7.9-3", "bad-mlp",
            decoder((_layer(9, 2),)))
     yield ("mlp-outputs-colour", "outputs for the coefficients of degree 0, which COLOUR gives", "R-7.9-3", "bad-mlp",
-           changed(coloured, kind, 1, lambda _: _networks((_layer(27, 5),))))
+           change_block(coloured, kind, 1, lambda _: _networks((_layer(27, 5),))))
     yield "mlp-nine-networks", "nine networks", *_LIMIT, decoder(*[(good,)] * 9)
     yield "mlp-five-layers", "five layers", *_LIMIT, decoder((_layer(2, 2),) * 4 + (good,))
     yield "mlp-1025-rows", "1025 rows", *_LIMIT, decoder((_layer(1025, 2), _layer(12, 1025)))
@@ -127,7 +127,7 @@ def scene_faults(anchors: bytes, explicit: bytes) -> Iterator[Fault]:
     kind = BlockKind.SCENE_MLP
 
     def scene(*networks: Layers) -> bytes:
-        return changed(anchors, kind, 1, lambda _: _networks(*networks), len(networks) - 3)
+        return change_block(anchors, kind, 1, lambda _: _networks(*networks), len(networks) - 3)
 
     def two(outputs: int, inputs: int = 8) -> Layers:
         return _layer(5, inputs), _layer(outputs, 5)
@@ -144,6 +144,6 @@ def scene_faults(anchors: bytes, explicit: bytes) -> Iterator[Fault]:
     yield "scene-inputs", "networks of D + 2 inputs", *_SCENE, scene(two(10, 6), two(70, 6), two(30, 6))
     yield "scene-inputs-wide", "networks of D + 5 inputs", *_SCENE, scene(two(10, 9), two(70, 9), two(30, 9))
     yield ("scene-inputs-mixed", "D + 4, D + 3 and D + 4 inputs", *_SCENE, scene(opacity, two(70, 7), colour))
-    yield "scene-later", "a second SCENE_MLP, in layer 2", "R-7.9-4", "unexpected-block", copied(anchors, kind, 2)
+    yield "scene-later", "a second SCENE_MLP, in layer 2", "R-7.9-4", "unexpected-block", copy_block(anchors, kind, 2)
     yield ("scene-explicit", "SCENE_MLP in the explicit profile", "R-7.9-4", "unexpected-block",
            rebuilt(explicit, [*blocks_of(explicit), block_of(anchors, kind)]))

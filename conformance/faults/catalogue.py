@@ -11,20 +11,20 @@ from conformance.faults.layer_faults import layer_faults
 from conformance.faults.network_faults import network_faults, place_faults
 from conformance.faults.number_faults import number_faults, table_faults
 from conformance.faults.predictor_faults import predictor_faults
-from conformance.scenes.cases import Case, Fault, refused
-from conformance.surgery.edit import append, numbered, plus, replaced, splice
+from conformance.scenes.cases import Case, Fault, refuse
+from conformance.surgery.edit import append, plus, renumber, replace_bytes, splice
 from conformance.surgery.files import (
     block_of,
     blocks_of,
-    changed,
-    copied,
+    change_block,
+    change_numbers,
+    copy_block,
     rebuilt,
-    renumbered,
     substream_bytes,
     with_substream,
     without,
 )
-from conformance.surgery.parts import broken, flipped, header_with
+from conformance.surgery.parts import change_rows, flip_bits, header_with
 from scarfmt.blocks.codebooks import MAX_VALUE, pack_codebooks, unpack_codebooks
 from scarfmt.coding.writer import QuantisedScene
 from scarfmt.container.file import Block
@@ -41,10 +41,10 @@ def invalid_files(files: Files) -> Iterator[Case]:
     """
     data = {name: file for name, (file, _) in files.items()}
     base, small = data["explicit-refined"], data["sh-from-network"]
-    yield from (refused(*fault, stage="container") for fault in _front_faults(base))
-    yield from (refused(*fault, stage="tiles") for fault in _block_faults(base))
-    yield from (refused(*fault, stage="models") for fault in _model_faults(base, data["anchors"]))
-    yield from (refused(*fault, stage="tiles") for fault in _symbol_faults(base, small))
+    yield from (refuse(*fault, stage="container") for fault in _front_faults(base))
+    yield from (refuse(*fault, stage="tiles") for fault in _block_faults(base))
+    yield from (refuse(*fault, stage="models") for fault in _model_faults(base, data["anchors"]))
+    yield from (refuse(*fault, stage="tiles") for fault in _symbol_faults(base, small))
     yield from _block_by_block(files, data)
 
 
@@ -65,7 +65,7 @@ def _block_by_block(files: Files, data: dict[str, bytes]) -> Iterator[Case]:
         grid_faults(data["index-grid-small"]),
         predictor_faults(data["predictors"], data["predictors-edge"], data["predictors-alone"]),
     ):
-        yield from (refused(*fault, stage="models") for fault in faults)
+        yield from (refuse(*fault, stage="models") for fault in faults)
 
 
 def _front_faults(base: bytes) -> Iterator[Fault]:
@@ -74,12 +74,13 @@ def _front_faults(base: bytes) -> Iterator[Fault]:
     yield "other-format", "a PLY file", "R-5.1-1", "bad-signature", b"ply\nformat ascii 1.0\nend_header\n"
     yield ("later-version", "version 0.4; the CRC is wrong too", "R-5.1-2", "unsupported-version",
            splice(10, b"\4")(base))
-    yield "header-bit", "one bit of the header is flipped", "R-5.2-4", "header-crc-mismatch", flipped(base, 60)
-    yield ("page-bits-17", "pages of 2^17 tiles", "R-5.2-14", "bad-page-bits", broken(base, header_with(page_bits=17)))
+    yield "header-bit", "one bit of the header is flipped", "R-5.2-4", "header-crc-mismatch", flip_bits(base, 60)
+    yield ("page-bits-17", "pages of 2^17 tiles", "R-5.2-14", "bad-page-bits",
+           change_rows(base, header_with(page_bits=17)))
     yield ("slots-two", "two slots in the explicit profile", "R-5.2-10", "bad-slots",
-           broken(base, header_with(slots=2)))
+           change_rows(base, header_with(slots=2)))
     yield ("gaussians-missing", "fewer Gaussians than anchors", "R-5.3-2", "layer-counts",
-           broken(base, {"layers.0.gaussian_count": plus(-1)}))
+           change_rows(base, {"layers.0.gaussian_count": plus(-1)}))
     yield "trailing-byte", "one byte too many", "R-5.3-7", "trailing-bytes", base + b"\0"
     yield "cut", "the last byte is missing", "R-5.3-8", "truncated-file", base[:-1]
     yield ("unknown-critical", "the last block has an unknown critical kind", "R-5.4-16", "unknown-critical-block",
@@ -94,11 +95,11 @@ def _unknown_kind(base: bytes) -> bytes:
 def _block_faults(base: bytes) -> Iterator[Fault]:
     _, past = substream_bytes(base, Stream.SCALE, 1)
     yield ("block-bit", "one bit of a TILE block is flipped", "R-5.6-1", "crc-mismatch",
-           flipped(base, past - 1, 0x40))
+           flip_bits(base, past - 1, 0x40))
     yield ("substream-crc", "the CRC of a sub-stream is wrong, that of the block is right", "R-7.1-5", "crc-mismatch",
-           changed(base, BlockKind.TILE, 1, _wrong_crc))
+           change_block(base, BlockKind.TILE, 1, _wrong_crc))
     yield ("idle-substream", "a sub-stream of a kind the layer does not code", "R-7.1-4", "bad-substream-table",
-           with_substream(base, 1, Stream.MASKS, replaced(bytes([1, 0, 0, 0]))))
+           with_substream(base, 1, Stream.MASKS, replace_bytes(bytes([1, 0, 0, 0]))))
 
 
 def _wrong_crc(payload: bytes) -> bytes:
@@ -111,18 +112,18 @@ def _wrong_crc(payload: bytes) -> bytes:
 
 def _model_faults(base: bytes, anchors: bytes) -> Iterator[Fault]:
     yield ("channels-descend", "POSITION_RESIDUAL became COLOUR, before SCALE", "R-6.4-1", "bad-channel",
-           renumbered(base, BlockKind.LAYER, numbered(("stream", Stream.COLOUR))))
+           change_numbers(base, BlockKind.LAYER, renumber(("stream", Stream.COLOUR))))
     yield "no-layer-block", "layer 3 has no LAYER block", "R-6.5-1", "missing-block", without(base, BlockKind.LAYER, 3)
     yield ("no-codebook", "a stage without its codebook", "R-7.8-2", "missing-block",
            without(base, BlockKind.CODEBOOKS, 1))
     yield ("idle-codebook", "a codebook that no layer first needs", "R-7.8-2", "unexpected-block",
-           copied(base, BlockKind.CODEBOOKS, 3))
+           copy_block(base, BlockKind.CODEBOOKS, 3))
     yield ("no-scene-networks", "the anchor profile without SCENE_MLP", "R-7.9-4", "bad-mlp",
            without(anchors, BlockKind.SCENE_MLP, 1))
     books = unpack_codebooks(block_of(base, BlockKind.CODEBOOKS).payload)
     books[0][0, 0] = MAX_VALUE + 1
     yield ("codeword-large", "a component of 65536", "R-7.8-1", "bad-codebook",
-           changed(base, BlockKind.CODEBOOKS, 1, lambda _: pack_codebooks(books)))
+           change_block(base, BlockKind.CODEBOOKS, 1, lambda _: pack_codebooks(books)))
 
 
 def _symbol_faults(base: bytes, small: bytes) -> Iterator[Fault]:
@@ -135,4 +136,7 @@ def _symbol_faults(base: bytes, small: bytes) -> Iterator[Fault]:
 
 
 def _small_book(data: bytes) -> bytes:
-    return changed(data, BlockKind.CODEBOOKS, 1, lambda payload: pack_codebooks({0: unpack_codebooks(payload)[0][:2]}))
+    def shorten(payload: bytes) -> bytes:
+        return pack_codebooks({0: unpack_codebooks(payload)[0][:2]})
+
+    return change_block(data, BlockKind.CODEBOOKS, 1, shorten)

@@ -13,19 +13,19 @@ from collections.abc import Iterator
 from conformance.faults.page_faults import page_faults
 from conformance.faults.precedence import precedence_cases
 from conformance.faults.root_faults import root_faults
-from conformance.scenes.cases import Case, Fault, refused
+from conformance.scenes.cases import Case, Fault, refuse
 from conformance.scenes.container_scenes import anchor_file, paged_file, plain_file
 from conformance.spec.spec_text import size_of
 from conformance.surgery.edit import Changes, more, plus, splice
 from conformance.surgery.parts import (
     TILE_KIND,
-    broken,
+    change_rows,
     entry_with,
     field_at,
-    flipped,
+    flip_bits,
     header_with,
-    remade,
-    taken_apart,
+    remake,
+    take_apart,
 )
 
 _LAYER, _TABLES = 1, 2
@@ -41,7 +41,7 @@ def container_faults() -> Iterator[Case]:
         _signature_faults(plain), _header_faults(plain, anchors), _voxel_faults(plain), _place_faults(plain),
         _count_faults(plain, anchors), _byte_faults(plain),
     ):
-        yield from (refused(*fault, stage="container") for fault in faults)
+        yield from (refuse(*fault, stage="container") for fault in faults)
     yield from root_faults()
     yield from page_faults()
     yield from _block_faults(plain)
@@ -107,7 +107,7 @@ def _header_faults(plain: bytes, anchors: bytes) -> Iterator[Fault]:
     )
     for name, purpose, rule, refusal, base, change in rows:
         rules = f"{rule} R-11-2" if refusal in _RESERVED else rule
-        yield name, purpose, rules, refusal, broken(base, header_with(**change))
+        yield name, purpose, rules, refusal, change_rows(base, header_with(**change))
 
 
 def _voxel_faults(base: bytes) -> Iterator[Fault]:
@@ -125,23 +125,23 @@ def _voxel_faults(base: bytes) -> Iterator[Fault]:
     )
     for name, purpose, rule, voxel, z in rows:
         origin = {"origin": (0.0, 0.0, z)} if rule == reach else {}
-        yield f"voxel-{name}", purpose, rule, "bad-voxel", broken(base, header_with(voxel=voxel, **origin))
+        yield f"voxel-{name}", purpose, rule, "bad-voxel", change_rows(base, header_with(voxel=voxel, **origin))
 
 
 def _place_faults(base: bytes) -> Iterator[Fault]:
     """Lengths and checksums of the header."""
-    length, bad = taken_apart(base).header["header_length"], ("R-5.2-2", "bad-header-length")
+    length, bad = take_apart(base).header["header_length"], ("R-5.2-2", "bad-header-length")
     damaged = "R-5.2-4", "header-crc-mismatch"
     for name, number in (("104", 104), ("odd", length + 1), ("top", (1 << 32) - 1)):
         yield (f"header-length-{name}", f"header_length is {number}", *bad,
-               broken(base, header_with(header_length=number)))
+               change_rows(base, header_with(header_length=number)))
     yield ("no-layers", "a file without layers, consistent otherwise", *bad,
-           remade(base, {name: [] for name in ("layers", "tiles", "entries", "blocks")}))
+           remake(base, {name: [] for name in ("layers", "tiles", "entries", "blocks")}))
     yield ("seventeen-layers", "17 layers, consistent otherwise", *bad,
-           remade(base, lambda p: p.layers.extend(dict(p.layers[-1]) for _ in range(15))))
-    yield "header-crc", "the CRC itself is wrong", *damaged, flipped(base, length - size_of("HEADER_CHECKSUM"))
+           remake(base, lambda p: p.layers.extend(dict(p.layers[-1]) for _ in range(15))))
+    yield "header-crc", "the CRC itself is wrong", *damaged, flip_bits(base, length - size_of("HEADER_CHECKSUM"))
     summary = field_at("LAYER_SUMMARY", "stream_bytes", size_of("FILE_HEADER") + size_of("LAYER_SUMMARY"), 12)
-    yield "summary-bit", "one bit of the last layer summary is flipped", *damaged, flipped(base, summary)
+    yield "summary-bit", "one bit of the last layer summary is flipped", *damaged, flip_bits(base, summary)
 
 
 # ------------------------------------------------------------------------------------------------ §5.3
@@ -152,9 +152,9 @@ def _count_faults(plain: bytes, anchors: bytes) -> Iterator[Fault]:
         """Counts of the last layer and of the header."""
         return {f"{row}.{name}_count": count for row in ("layers.1", "header") for name, count in counts.items()}
 
-    first, second = taken_apart(plain).layers
-    before, after = taken_apart(anchors).layers
-    slots, fall, more_than = taken_apart(anchors).header["slots"], "R-5.3-1", "R-5.3-2"
+    first, second = take_apart(plain).layers
+    before, after = take_apart(anchors).layers
+    slots, fall, more_than = take_apart(anchors).header["slots"], "R-5.3-1", "R-5.3-2"
     fewer = first["anchor_count"] - 1
     rows: tuple[tuple[str, str, str, bytes, Changes], ...] = (
         ("anchors-fall", "layer 2 has fewer anchors than layer 1", fall, plain, last(anchor=fewer, gaussian=fewer)),
@@ -170,12 +170,12 @@ def _count_faults(plain: bytes, anchors: bytes) -> Iterator[Fault]:
            {f"header.{name}_count": more}) for name in ("anchor", "gaussian")),
     )
     for name, purpose, rule, data, changes in rows:
-        yield name, purpose, rule, "layer-counts", broken(data, changes)
+        yield name, purpose, rule, "layer-counts", change_rows(data, changes)
 
 
 def _byte_faults(base: bytes) -> Iterator[Fault]:
     sums, place, length = ("R-5.3-3", "layer-bytes"), ("R-5.3-4", "layer-offset"), ("R-5.3-6", "bad-file-length")
-    first, pages = taken_apart(base).layers[0], taken_apart(base).pages_length
+    first, pages = take_apart(base).layers[0], take_apart(base).pages_length
     back = first["byte_count"] + 16
 
     def bytes_of(layer: int, by: int) -> Changes:
@@ -200,9 +200,9 @@ def _byte_faults(base: bytes) -> Iterator[Fault]:
          header_with(file_length=len(base) - 1)),
     )
     for name, purpose, rule, changes in rows:
-        yield name, purpose, *rule, broken(base, changes)
+        yield name, purpose, *rule, change_rows(base, changes)
     yield ("file-length-more", "file_length is one more than the end of the last layer", *length,
-           broken(base, header_with(file_length=len(base) + 1)) + b"\0")
+           change_rows(base, header_with(file_length=len(base) + 1)) + b"\0")
     yield "trailing-4-kib", "zeros up to a whole sector", "R-5.3-7", "trailing-bytes", base + bytes(4096 - len(base))
 
 
@@ -211,6 +211,6 @@ def _byte_faults(base: bytes) -> Iterator[Fault]:
 
 def _block_faults(base: bytes) -> Iterator[Case]:
     for name, kind, layer in (("layer", _LAYER, 2), ("tables", _TABLES, 1), ("tile", TILE_KIND, 2)):
-        data = broken(base, entry_with(kind, layer, crc32=lambda crc: crc ^ 1))
-        yield refused(f"entry-crc-{name}", f"the entry of a {name.upper()} block has a wrong CRC", "R-5.6-1",
-                      "crc-mismatch", data, "tiles" if name == "tile" else "models")
+        data = change_rows(base, entry_with(kind, layer, crc32=lambda crc: crc ^ 1))
+        yield refuse(f"entry-crc-{name}", f"the entry of a {name.upper()} block has a wrong CRC", "R-5.6-1",
+                     "crc-mismatch", data, "tiles" if name == "tile" else "models")

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator
 
 from conformance.scenes.cases import Fault
 from conformance.surgery.edit import append, cut, splice
-from conformance.surgery.files import block_of, changed
+from conformance.surgery.files import block_of, change_block
 from scarfmt.container.schema import BlockKind
 
 _GRID = BlockKind.HASH_GRID
@@ -38,7 +38,7 @@ def grid_faults(small: bytes) -> Iterator[Fault]:
     levels = numbers[4]
 
     def put(numbers: Head, rest: bytes = streams, growth: int = 0) -> bytes:
-        return changed(small, _GRID, 1, lambda _: _head(numbers) + rest, growth)
+        return change_block(small, _GRID, 1, lambda _: _head(numbers) + rest, growth)
 
     for name, what, place, value in (
         ("plane", "a plane that is not assigned", 5, 7), ("flat-level", "a resolution of 0", 6, 0),
@@ -54,7 +54,7 @@ def grid_faults(small: bytes) -> Iterator[Fault]:
     yield ("grid-levels-17", "17 levels", *_BAD,
            put([*numbers[:4], 17, *numbers[5:9] * 17], streams * 17, growth=17 - levels))
     yield ("grid-levels-17-short", "17 levels, of which the last ends early", *_SHORT,
-           changed(small, _GRID, 1, lambda _: _head([*numbers[:4], 17, *numbers[5:9] * 17])[:-1], 17 - levels))
+           change_block(small, _GRID, 1, lambda _: _head([*numbers[:4], 17, *numbers[5:9] * 17])[:-1], 17 - levels))
     length = int.from_bytes(streams[1:5], "little")
     for name, what, rule, change in (
         ("short", "a grid that ends in its last stream", _SHORT, cut),

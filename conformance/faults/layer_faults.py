@@ -9,8 +9,8 @@ from typing import Any
 
 from conformance.scenes.cases import Fault
 from conformance.scenes.made import Plan, build, steady
-from conformance.surgery.edit import numbered, replaced
-from conformance.surgery.files import NumberRecorder, block_of, changed, renumbered
+from conformance.surgery.edit import renumber, replace_bytes
+from conformance.surgery.files import NumberRecorder, block_of, change_block, change_numbers
 from conformance.writer.file import write_file
 from conformance.writer.numbers import Number, numbers_block
 from scarfmt.blocks.layer import pack_layer
@@ -65,7 +65,7 @@ def _row_of(model: SceneModel, channels: tuple[Channel, ...], layer: int) -> Lay
 def _with_row(data: bytes, model: SceneModel, layer: int, row: LayerRow) -> bytes:
     opening = (model.channels, model.context) if layer == 1 else None
     growth = row.class_count - model.layers[layer - 1].class_count
-    return changed(data, BlockKind.LAYER, layer, lambda _: pack_layer(row, opening), growth)
+    return change_block(data, BlockKind.LAYER, layer, lambda _: pack_layer(row, opening), growth)
 
 
 def _of(channel: Channel, components: int) -> Channel:
@@ -186,15 +186,15 @@ def _mode_faults(explicit: File, predictors: bytes, stageless: bytes) -> Iterato
         ("entropy-mode-256", "entropy mode 256, of which a byte holds 0", unknown, predictors, 256),
         ("mode-without-stage", "entropy mode 1 in a layer in which no class has a stage", idle, stageless, 1),
     ):
-        yield name, purpose, *rule, renumbered(data, BlockKind.LAYER, numbered(("entropy_mode", mode)))
+        yield name, purpose, *rule, change_numbers(data, BlockKind.LAYER, renumber(("entropy_mode", mode)))
     data, scene = explicit
     second = NumberRecorder(block_of(data, BlockKind.LAYER, 2).payload)
     second.read_all(BlockKind.LAYER, {"layer": 2, "channel_count": len(scene.model.channels)})
-    block = numbers_block(numbered(("entropy_mode", 255))(second.read))
+    block = numbers_block(renumber(("entropy_mode", 255))(second.read))
     yield ("entropy-mode-255", "entropy mode 255 in layer 2", *unknown,
-           changed(data, BlockKind.LAYER, 2, replaced(block)))
+           change_block(data, BlockKind.LAYER, 2, replace_bytes(block)))
     yield ("entropy-mode-first", "an entropy mode that is not assigned, and nothing after it", *unknown,
-           changed(data, BlockKind.LAYER, 1, replaced(numbers_block([(("entropy_mode", None), 2)]))))
+           change_block(data, BlockKind.LAYER, 1, replace_bytes(numbers_block([(("entropy_mode", None), 2)]))))
 
 
 def with_context(data: bytes, passes_log2: int, *targets: int) -> bytes:
@@ -203,10 +203,10 @@ def with_context(data: bytes, passes_log2: int, *targets: int) -> bytes:
     def put(numbers: list[Number]) -> list[Number]:
         kept = [number for number in numbers if number[0] != ("occupancy_targets", None)]
         at = 1 + kept.index(next(number for number in kept if number[0] == ("target_count", None)))
-        head = numbered(("passes_log2", passes_log2), ("target_count", len(targets)))(kept[:at])
+        head = renumber(("passes_log2", passes_log2), ("target_count", len(targets)))(kept[:at])
         return [*head, *((("occupancy_targets", None), target) for target in targets), *kept[at:]]
 
-    return renumbered(data, BlockKind.LAYER, put)
+    return change_numbers(data, BlockKind.LAYER, put)
 
 
 def _context_faults(predictors: bytes) -> Iterator[Fault]:
@@ -233,4 +233,4 @@ def _number_faults(static: bytes) -> Iterator[Fault]:
         ("stream", 261, "channel-stream-261", "a channel of kind 261, of which a byte holds SCALE"),
         ("components", 259, "components-259", "a channel of 259 components, of which a byte holds 3"),
     ):
-        yield name, purpose, *_RECORD, renumbered(static, BlockKind.LAYER, numbered((field, int(value))))
+        yield name, purpose, *_RECORD, change_numbers(static, BlockKind.LAYER, renumber((field, int(value))))

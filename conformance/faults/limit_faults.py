@@ -8,7 +8,7 @@ from __future__ import annotations
 import zlib
 from collections.abc import Iterator
 
-from conformance.scenes.cases import Case, refused
+from conformance.scenes.cases import Case, refuse
 from conformance.scenes.container_scenes import (
     anchor_file,
     crowd_scene,
@@ -18,7 +18,7 @@ from conformance.scenes.container_scenes import (
     root_file,
 )
 from conformance.surgery.edit import Changes
-from conformance.surgery.parts import TILE_KIND, Parts, broken, header_with, remade, taken_apart
+from conformance.surgery.parts import TILE_KIND, Parts, change_rows, header_with, remake, take_apart
 from conformance.writer.file import write_file
 
 _MAX_TILES, _READER_TILES, _READER_ROOT = 1 << 24, 1 << 20, 1 << 24
@@ -42,17 +42,18 @@ def _either(id_: str, purpose: str, rule: str, data: bytes, *refusals: str) -> C
 def _header_limits() -> Iterator[Case]:
     base = root_file()
     for name, count in (("limit-tiles", _MAX_TILES + 1), ("limit-tiles-top", (1 << 32) - 1)):
-        yield refused(name, f"tile_count is {count} in a small file", "R-5.2-19 R-13.1-1", "limit-tiles",
-                      broken(base, header_with(tile_count=count)), "container")
+        yield refuse(name, f"tile_count is {count} in a small file", "R-5.2-19 R-13.1-1", "limit-tiles",
+                     change_rows(base, header_with(tile_count=count)), "container")
     yield _either("limit-tiles", "tile_count is 2^20 + 1, and ROOT has one page", "R-5.2-19",
-                  broken(base, header_with(tile_count=_READER_TILES + 1)), "limit-tiles", "payload-short")
+                  change_rows(base, header_with(tile_count=_READER_TILES + 1)), "limit-tiles", "payload-short")
     yield _either("limit-root", "root_length is 2^24 + 1, and the blocks begin before that", "R-5.2-19",
-                  broken(base, header_with(root_length=_READER_ROOT + 1)), "limit-root", "layer-offset")
+                  change_rows(base, header_with(root_length=_READER_ROOT + 1)), "limit-root", "layer-offset")
     for name, count in (("limit-anchors", _MAX_ANCHORS + 1), ("limit-anchors-2-63", 1 << 63)):
-        yield refused(name, f"{count} anchors declared", "R-5.2-19 R-13.1-1", "limit-anchors",
-                      broken(base, _counts(anchor=count, gaussian=count)), "container")
+        yield refuse(name, f"{count} anchors declared", "R-5.2-19 R-13.1-1", "limit-anchors",
+                     change_rows(base, _counts(anchor=count, gaussian=count)), "container")
     yield _either("limit-gaussians", "2^36 + 1 Gaussians declared, more than the anchors can have", "R-5.2-19",
-                  broken(anchor_file(), _counts(gaussian=_READER_GAUSSIANS + 1)), "limit-gaussians", "layer-counts")
+                  change_rows(anchor_file(), _counts(gaussian=_READER_GAUSSIANS + 1)),
+                  "limit-gaussians", "layer-counts")
 
 
 def _counts(**counts: int) -> Changes:
@@ -82,19 +83,19 @@ def _expansion_met() -> Case:
 def _block_limits() -> Iterator[Case]:
     for name, length in (("limit-block-bytes", _MAX_BLOCK + 1), ("limit-block-bytes-4-gib", (1 << 32) + 8)):
         parts = long_last_block(root_file(), length, kind=_PRIVATE)
-        yield refused(name, f"an unknown block of {length} zeros", "R-5.4-9 R-13.1-1", "limit-block-bytes",
-                      parts.sealed(), "container", parts.header["file_length"])
+        yield refuse(name, f"an unknown block of {length} zeros", "R-5.4-9 R-13.1-1", "limit-block-bytes",
+                     parts.seal(), "container", parts.header["file_length"])
     parts = long_last_block(plain_file(), _READER_BLOCK + 1, kind=_PRIVATE, layer=2)
-    yield Case("either/limit-block-bytes", "an unknown block of 2^28 + 1 zeros, which no decoder needs", parts.sealed(),
+    yield Case("either/limit-block-bytes", "an unknown block of 2^28 + 1 zeros, which no decoder needs", parts.seal(),
                ("R-5.4-9", "R-13.2-1", "R-5.6-3"), scene=plain_scene(), refusals=("limit-block-bytes",),
                stage="container", extend_to=parts.header["file_length"])
-    yield refused("limit-tile-anchors", "65537 anchors in one TILE block; all is well otherwise", "R-5.5-9 R-13.1-1",
-                  "limit-tile-anchors", _crowded(), "container")
+    yield refuse("limit-tile-anchors", "65537 anchors in one TILE block; all is well otherwise", "R-5.5-9 R-13.1-1",
+                 "limit-tile-anchors", _crowd(), "container")
 
 
 def long_last_block(base: bytes, length: int, kind: int, layer: int = 1, start: bytes = b"") -> Parts:
     """A file whose last block is `start` and zeros up to `length`; of those the file has none."""
-    parts = taken_apart(base)
+    parts = take_apart(base)
     parts.add(start, kind=kind, layer=layer, flags=2 if kind == _METADATA else 0)
     parts.settle()
     more = length - len(start)
@@ -107,7 +108,7 @@ def long_last_block(base: bytes, length: int, kind: int, layer: int = 1, start: 
     return parts
 
 
-def _crowded() -> bytes:
+def _crowd() -> bytes:
     """One anchor more than a TILE block may have. They lie in one cell, so no symbol gives their number."""
 
     def change(parts: Parts) -> None:
@@ -115,7 +116,7 @@ def _crowded() -> bytes:
         parts.entries[parts.row(TILE_KIND)]["count"] = count
         parts.layers[0].update(anchor_count=count, gaussian_count=count)
 
-    return remade(write_file(crowd_scene((_MAX_TILE_ANCHORS,))), change)
+    return remake(write_file(crowd_scene((_MAX_TILE_ANCHORS,))), change)
 
 
 def crc32_with_zeros(start: bytes, zeros: int) -> int:
@@ -127,8 +128,8 @@ def crc32_with_zeros(start: bytes, zeros: int) -> int:
     register = zlib.crc32(start) ^ 0xFFFFFFFF
     while zeros:
         if zeros & 1:
-            register = _applied(step, register)
-        step = [_applied(step, column) for column in step]
+            register = _apply(step, register)
+        step = [_apply(step, column) for column in step]
         zeros >>= 1
     return register ^ 0xFFFFFFFF
 
@@ -139,7 +140,7 @@ def _zero_byte(register: int) -> int:
     return register
 
 
-def _applied(columns: list[int], register: int) -> int:
+def _apply(columns: list[int], register: int) -> int:
     out = 0
     for bit, column in enumerate(columns):
         if register >> bit & 1:

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from conformance.faults.limit_faults import long_last_block
-from conformance.scenes.cases import Case, refused
+from conformance.scenes.cases import Case, refuse
 from conformance.scenes.container_scenes import root_file
-from conformance.surgery.parts import block_added, broken, entry_with, remade
+from conformance.surgery.parts import block_added, change_rows, entry_with, remake
 
 _METADATA = 64
 _MAX_BYTES, _MAX_DEPTH = 1 << 24, 64
@@ -48,14 +48,14 @@ _DEEP = (
 def metadata_faults() -> Iterator[Case]:
     """Each is refused by who reports metadata, and decoded by who does not look at it."""
     parts = long_last_block(root_file(), _MAX_BYTES + 1, kind=_METADATA, start=b"{}")
-    yield refused("limit-metadata", "16 MiB and a byte of METADATA, refused before it is read", "R-7.10-1 R-13.1-1",
-                  "limit-metadata", parts.sealed(), "metadata", parts.header["file_length"])
+    yield refuse("limit-metadata", "16 MiB and a byte of METADATA, refused before it is read", "R-7.10-1 R-13.1-1",
+                 "limit-metadata", parts.seal(), "metadata", parts.header["file_length"])
     for rows, rule, refusal in ((_NOT_JSON, "R-7.10-1", "bad-metadata"), (_DEEP, "R-7.10-3", "limit-metadata")):
         for name, purpose, text in rows:
-            yield refused(f"metadata-{name}", purpose, rule, refusal, _with_text(text), "metadata")
-    wrong = broken(_with_text(b"{}"), entry_with(_METADATA, crc32=0))
-    yield refused("metadata-crc-zero", "METADATA whose CRC says 0", "R-5.6-1", "crc-mismatch", wrong, "metadata")
+            yield refuse(f"metadata-{name}", purpose, rule, refusal, _with_text(text), "metadata")
+    wrong = change_rows(_with_text(b"{}"), entry_with(_METADATA, crc32=0))
+    yield refuse("metadata-crc-zero", "METADATA whose CRC says 0", "R-5.6-1", "crc-mismatch", wrong, "metadata")
 
 
 def _with_text(text: bytes) -> bytes:
-    return remade(root_file(), block_added(text, kind=_METADATA, flags=2))
+    return remake(root_file(), block_added(text, kind=_METADATA, flags=2))

@@ -8,8 +8,8 @@ from dataclasses import replace
 import numpy as np
 
 from conformance.scenes.cases import Fault
-from conformance.surgery.edit import Changes, edited, further, numbered
-from conformance.surgery.files import block_of, blocks_of, changed, copied, rebuilt, renumbered, without
+from conformance.surgery.edit import Changes, edit, further, renumber
+from conformance.surgery.files import block_of, blocks_of, change_block, change_numbers, copy_block, rebuilt, without
 from conformance.writer.numbers import Number
 from scarfmt.blocks.index_network import pack_network, unpack_network
 from scarfmt.container.schema import BlockKind
@@ -28,9 +28,9 @@ def _network_of(data: bytes) -> IndexNetwork:
     return unpack_network(block_of(data, _NETWORK).payload)
 
 
-def _edited(data: bytes, changes: Changes) -> bytes:
+def _edit(data: bytes, changes: Changes) -> bytes:
     """The file with fields of its index network changed."""
-    return changed(data, _NETWORK, 1, lambda payload: pack_network(edited(unpack_network(payload), changes)))
+    return change_block(data, _NETWORK, 1, lambda payload: pack_network(edit(unpack_network(payload), changes)))
 
 
 def network_faults(deep: bytes, flat: bytes, equal: bytes, edge: bytes) -> Iterator[Fault]:
@@ -39,9 +39,9 @@ def network_faults(deep: bytes, flat: bytes, equal: bytes, edge: bytes) -> Itera
     for data, rows in ((deep, _deep_rows(_network_of(deep))), (flat, _flat_rows()), (equal, _equal_rows(equal)),
                        (edge, _EDGE_ROWS)):
         for name, purpose, rule, changes in rows:
-            yield name, purpose, *rule, _edited(data, changes)
+            yield name, purpose, *rule, _edit(data, changes)
     yield ("network-no-recurrence", "no recurrent layer, nor tokens", *_RANGE,
-           renumbered(flat, _NETWORK, _without_recurrence))
+           change_numbers(flat, _NETWORK, _without_recurrence))
     yield from _number_faults(deep, flat)
 
 
@@ -127,7 +127,7 @@ def _equal_rows(equal: bytes) -> Iterator[Row]:
     column = (0, 0), (0, 1)
     yield ("network-codeword-dims", "more codeword dimensions than the latent has", _FIT,
            {"codeword_dims": 3, "gru.0.inputs": lambda parts: tuple(np.pad(part, column) for part in parts),
-            "heads": lambda heads: tuple(edited(head, {"projections": _row_more}) for head in heads)})
+            "heads": lambda heads: tuple(edit(head, {"projections": _row_more}) for head in heads)})
     more = replace(inputs, depths=2).width - inputs.width
     yield ("network-depths", "columns for two depths, the file has one", _FIT,
            {"inputs.depths": 2, "embed.0.weights": lambda weights: np.pad(weights, ((0, 0), (0, more)))})
@@ -188,7 +188,7 @@ def _without_state(gru: GruLayer) -> GruLayer:
 def _without_recurrence(numbers: list[Number]) -> list[Number]:
     """The numbers without those of the one recurrent layer: the third part of four that begin with a shift."""
     _, _, start, past, *_ = (i for i, (field, _) in enumerate(numbers) if field[0] == "shift")
-    return numbered(("gru_count", 0), ("tokens", 0))([*numbers[:start], *numbers[past:]])
+    return renumber(("gru_count", 0), ("tokens", 0))([*numbers[:start], *numbers[past:]])
 
 
 def _alone(layer: Linear, weights: np.ndarray, shift: int) -> Linear:
@@ -226,7 +226,7 @@ def _number_faults(deep: bytes, flat: bytes) -> Iterator[Fault]:
         # Numbers of a list have no name of their own.
         ("cluster-4097", "a cluster of 4097 codewords", _LIMIT, deep, None, 4097),
     ):
-        yield name, purpose, *rule, renumbered(data, _NETWORK, numbered((field, value)))
+        yield name, purpose, *rule, change_numbers(data, _NETWORK, renumber((field, value)))
 
 
 def place_faults(static: bytes, flat: bytes, grid: bytes, small: bytes, modes: bytes) -> Iterator[Fault]:
@@ -242,8 +242,8 @@ def place_faults(static: bytes, flat: bytes, grid: bytes, small: bytes, modes: b
     unexpected = "unexpected-block"
     yield "no-network", "entropy mode 1 without ENTROPY_NETWORK", rules[0], "missing-block", without(flat, _NETWORK, 1)
     yield ("idle-network", "a second ENTROPY_NETWORK, in the second layer of mode 1", rules[0], unexpected,
-           copied(flat, _NETWORK, 2))
-    yield "idle-grid", "a second HASH_GRID", rules[1], unexpected, copied(grid, kind, 2)
+           copy_block(flat, _NETWORK, 2))
+    yield "idle-grid", "a second HASH_GRID", rules[1], unexpected, copy_block(grid, kind, 2)
     yield "no-grid", "the network has grid inputs, the file no HASH_GRID", *_FIT, without(grid, kind, 1)
     network, block = block_of(modes, _NETWORK), block_of(small, kind)
     yield ("grid-not-read", "the file has a HASH_GRID, the network no grid inputs", *_FIT,
@@ -259,4 +259,4 @@ def place_faults(static: bytes, flat: bytes, grid: bytes, small: bytes, modes: b
            rebuilt(modes, [*others, replace(network, layer=1)]))
     # Without other flags: no own inputs, no attention.
     yield ("network-flag-only", "the flag 4, and no other", *_HEADER,
-           renumbered(small, _NETWORK, numbered(("flags", 4))))
+           change_numbers(small, _NETWORK, renumber(("flags", 4))))

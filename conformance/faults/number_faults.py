@@ -7,8 +7,8 @@ from functools import partial
 
 from conformance.decoders.python.fields import key
 from conformance.scenes.cases import Fault
-from conformance.surgery.edit import append, numbered
-from conformance.surgery.files import changed, renumbered, with_tables
+from conformance.surgery.edit import append, renumber
+from conformance.surgery.files import change_block, change_numbers, with_tables
 from conformance.writer.numbers import Number
 from conformance.writer.tables import Record
 from scarfmt.container.schema import BlockKind, Stream
@@ -31,17 +31,18 @@ def number_faults(static: bytes, anchors: bytes, equal: bytes, predicted: bytes)
         (anchors, BlockKind.SCENE_MLP), *shifted,
     ):
         name = kind.name.lower().replace("_", "-")
-        yield f"{name}-odd", "a byte after the last word", "R-8.2-1", "rans-length", changed(data, kind, 1, append())
+        yield (f"{name}-odd", "a byte after the last word", "R-8.2-1", "rans-length",
+               change_block(data, kind, 1, append()))
         yield (f"{name}-last-word", "a last word of 0", "R-8.2-1", "rans-last-word",
-               changed(data, kind, 1, append(bytes(4))))
+               change_block(data, kind, 1, append(bytes(4))))
         yield (f"{name}-word-more", "a word more than the numbers take", *_SEAL,
-               changed(data, kind, 1, lambda payload: WORD + payload))
+               change_block(data, kind, 1, lambda payload: WORD + payload))
         yield (f"{name}-word-less", "the first word is missing: the reader goes on, the end is wrong", *_SEAL,
-               changed(data, kind, 1, lambda payload: payload[4:]))
+               change_block(data, kind, 1, lambda payload: payload[4:]))
         yield (f"{name}-number-more", "a number after the last", *_SEAL,
-               renumbered(data, kind, lambda numbers: [*numbers, (("more", 0), 1)]))
+               change_numbers(data, kind, lambda numbers: [*numbers, (("more", 0), 1)]))
         yield (f"{name}-number-long", "a number that begins with 32 bits of 1", *_NUMBER,
-               renumbered(data, kind, ending_long))
+               change_numbers(data, kind, ending_long))
     for data, kind in shifted:
         name = kind.name.lower().replace("_", "-")
         for which, what, rule, shift, first in (
@@ -49,7 +50,7 @@ def number_faults(static: bytes, anchors: bytes, equal: bytes, predicted: bytes)
             ("low", "-1 shifted by 31: -2^31, which 32 bits hold", _SHIFTED, 31, 1),
         ):
             yield (f"{name}-shift-{which}", what, *rule,
-                   renumbered(data, kind, partial(_shift, shift=shift, first=first)))
+                   change_numbers(data, kind, partial(_shift, shift=shift, first=first)))
     mlp, books, order = BlockKind.DECODER_MLP, BlockKind.CODEBOOKS, ("R-8.5-1 R-12.2-3", "bad-number")
     for name, purpose, rule, kind, changes in (
         ("mlp-order-weights", "a weight of 32768, then a long one", order, mlp,
@@ -61,7 +62,7 @@ def number_faults(static: bytes, anchors: bytes, equal: bytes, predicted: bytes)
         ("book-order", "a component of 65536, then a long one of the same dimension", order, books,
          (("words", 1 << 17), ("words", _LONG))),
     ):  # fmt: skip
-        yield name, purpose, *rule, renumbered(static, kind, numbered(*changes))
+        yield name, purpose, *rule, change_numbers(static, kind, renumber(*changes))
 
 
 def ending_long(numbers: list[Number]) -> list[Number]:
@@ -87,7 +88,7 @@ def table_faults(static: bytes) -> Iterator[Fault]:
         return with_tables(static, 1, lambda records: [*records, Record(_UNUSED, values, weights)])
 
     def numbers(change: Callable[[list[Number]], list[Number]]) -> bytes:
-        return renumbered(static, BlockKind.TABLES, change)
+        return change_numbers(static, BlockKind.TABLES, change)
 
     yield "key-digit-256", "a stream kind of 256", *_TABLE, with_tables(
         static, 1, lambda records: [*records, Record(256 << 24, (0,), (1,))])
@@ -96,7 +97,7 @@ def table_faults(static: bytes) -> Iterator[Fault]:
     most = with_tables(static, 1, lambda records: [*records, Record((1 << 32) - 1, (0,), (1,))])
     # The numbers of its key are 0 and cost nothing.
     yield ("key-after-last", "a key after that of four digits of 255", *_TABLE,
-           renumbered(most, BlockKind.TABLES, lambda n: [(n[0][0], n[0][1] + 1), *n[1:]]))
+           change_numbers(most, BlockKind.TABLES, lambda n: [(n[0][0], n[0][1] + 1), *n[1:]]))
     yield "alphabet-last-high", "an alphabet up to 2^31", *_TABLE, last(0, _TOP + 1)
     yield "alphabet-wide-gap", "the widest gap, to far above 2^31", *_TABLE, last(0, _LONG)
     yield "alphabet-gap-long", "a gap that leaves 2^31 - 1, then a number that is too long", *_NUMBER, last(

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 
-from conformance.scenes.cases import Case, Fault, refused
+from conformance.scenes.cases import Case, Fault, refuse
 from conformance.scenes.container_scenes import paged_file, plain_file, root_file
 from conformance.surgery.edit import Changes, append, cut, more, plus, splice
-from conformance.surgery.parts import flipped, repaged, taken_apart
+from conformance.surgery.parts import change_pages, flip_bits, take_apart
 from conformance.writer.pages import RawPage
 from scarfmt.container.bytefields import unsigned_varint as varint
 
@@ -19,22 +19,22 @@ def page_faults() -> Iterator[Case]:
     base = paged_file()
     for faults in (_checksum_faults(base), _structure_faults(base), _tile_faults(base), _order_faults(base),
                    _row_faults(base)):
-        yield from (refused(*fault, stage="container") for fault in faults)
+        yield from (refuse(*fault, stage="container") for fault in faults)
 
 
 # ------------------------------------------------------------------------------------------------ bytes
 
 
 def _checksum_faults(base: bytes) -> Iterator[Fault]:
-    parts = taken_apart(base)
+    parts = take_apart(base)
     start = parts.header["header_length"] + parts.root_length
     for name, purpose, data in (
-        ("tile-page-bit", "one bit of the first tile page is flipped", flipped(base, start)),
-        ("row-page-bit", "one bit of the last row page is flipped", flipped(base, start + parts.pages_length - 1)),
+        ("tile-page-bit", "one bit of the first tile page is flipped", flip_bits(base, start)),
+        ("row-page-bit", "one bit of the last row page is flipped", flip_bits(base, start + parts.pages_length - 1)),
         ("tile-page-crc", "ROOT has a wrong CRC for the tile page of tiles without blocks",
-         repaged(base, root={"root.pages.1.tile_crc32": lambda crc: crc ^ 1})),
+         change_pages(base, root={"root.pages.1.tile_crc32": lambda crc: crc ^ 1})),
         ("row-page-crc", "ROOT has a wrong CRC for a row page of layer 2",
-         repaged(base, root={"root.pages.0.rows.1.row_crc32": lambda crc: crc ^ 1})),
+         change_pages(base, root={"root.pages.0.rows.1.row_crc32": lambda crc: crc ^ 1})),
     ):
         yield name, purpose, "R-5.5-1", "page-crc-mismatch", data
 
@@ -44,7 +44,7 @@ def _structure_faults(base: bytes) -> Iterator[Fault]:
 
     def raw(place: tuple[int, ...], change: Callable[[bytes], bytes]) -> bytes:
         path = f"tiles.{place[0]}" if len(place) == 1 else f"rows.{place[0] - 1}.{place[1]}"
-        return repaged(base, {path: lambda page: RawPage(change(page.packed()))})
+        return change_pages(base, {path: lambda page: RawPage(change(page.pack()))})
 
     # Of layer 2, page 0: two lengths and two counts of a byte each, two CRCs.
     rows: tuple[tuple[str, str, str, tuple[int, ...], Callable[[bytes], bytes]], ...] = (
@@ -96,11 +96,11 @@ def _tile_faults(base: bytes) -> Iterator[Fault]:
         ("prefix-after-end", "a tile after one that ends at 2^63", prefix, base, {"tiles.2.gaps.0": 4}),
     )
     for name, purpose, rule, data, changes in rows:
-        yield f"tile-{name}", purpose, *rule, repaged(data, changes)
+        yield f"tile-{name}", purpose, *rule, change_pages(data, changes)
 
 
 def _order_faults(base: bytes) -> Iterator[Fault]:
-    parts = taken_apart(base)
+    parts = take_apart(base)
     before, past = parts.pages().root.pages[1].gap, parts.tiles[1]["prefix"] + 1 << 3 * (21 - parts.tiles[1]["depth"])
     # Where a page begins later, the next begins where it did.
     rows: tuple[tuple[str, str, Changes, Changes], ...] = (
@@ -115,7 +115,7 @@ def _order_faults(base: bytes) -> Iterator[Fault]:
          {"tiles.0.depths.1": 1, "tiles.0.gaps.1": 2}, {}),
     )
     for name, purpose, contents, root in rows:
-        yield name, purpose, "R-5.5-7", "tile-order", repaged(base, contents, root)
+        yield name, purpose, "R-5.5-7", "tile-order", change_pages(base, contents, root)
 
 
 # ------------------------------------------------------------------------------------------------ rows
@@ -140,4 +140,4 @@ def _row_faults(base: bytes) -> Iterator[Fault]:
           for field, what in (("block_bytes", "byte"), ("anchors", "anchor"))),
     )
     for name, purpose, rule, contents, root in rows:
-        yield name, purpose, *rule, repaged(base, contents, root)
+        yield name, purpose, *rule, change_pages(base, contents, root)

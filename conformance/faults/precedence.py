@@ -4,20 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from conformance.scenes.cases import Case, Fault, refused
-from conformance.surgery.edit import Changes, append, more, numbered, replaced, splice
-from conformance.surgery.files import changed, renumbered
+from conformance.scenes.cases import Case, Fault, refuse
+from conformance.surgery.edit import Changes, append, more, renumber, replace_bytes, splice
+from conformance.surgery.files import change_block, change_numbers
 from conformance.surgery.parts import (
     TILE_KIND,
     block_added,
-    broken,
+    change_pages,
+    change_root,
+    change_rows,
     entry_with,
-    flipped,
+    flip_bits,
     header_with,
-    remade,
-    repaged,
-    rerooted,
-    taken_apart,
+    remake,
+    take_apart,
 )
 
 _LAYER, _TABLES, _CODEBOOKS = 1, 2, 3
@@ -35,30 +35,30 @@ def precedence_cases(base: bytes, paged: bytes) -> Iterator[Case]:
         ("models", _block_faults(base)),
     ):
         for name, purpose, rule, refusal, data in faults:
-            yield refused(f"precedence-{name}", purpose, f"{rule} R-12.2-1", refusal, data, stage)
+            yield refuse(f"precedence-{name}", purpose, f"{rule} R-12.2-1", refusal, data, stage)
 
 
 def _front_faults(base: bytes) -> Iterator[Fault]:
-    header_end = taken_apart(base).header["header_length"]
+    header_end = take_apart(base).header["header_length"]
     yield ("crc", "a wrong header CRC before a reserved byte that is set", "R-5.2-4", "header-crc-mismatch",
-           flipped(broken(base, header_with(render_model=3)), header_end - 1))
+           flip_bits(change_rows(base, header_with(render_model=3)), header_end - 1))
     yield ("fields", "the profile before the slots", "R-5.2-7", "bad-profile",
-           broken(base, header_with(profile=9, slots=0)))
+           change_rows(base, header_with(profile=9, slots=0)))
     yield ("layers", "byte sums of layer 1 before the counts of layer 2", "R-5.3-3", "layer-bytes",
-           broken(base, {"layers.0.byte_count": more, "layers.1.gaussian_count": more}))
+           change_rows(base, {"layers.0.byte_count": more, "layers.1.gaussian_count": more}))
     yield ("trailing", "a byte too many before a damaged ROOT", "R-5.3-7", "trailing-bytes",
-           flipped(base, header_end) + b"\0")
+           flip_bits(base, header_end) + b"\0")
     yield ("limit", "the reader's limit on tiles before the layer summaries", "R-5.2-19", "limit-tiles",
-           broken(base, header_with(tile_count=(1 << 24) + 1)))
+           change_rows(base, header_with(tile_count=(1 << 24) + 1)))
 
 
 def _root_faults(base: bytes) -> Iterator[Fault]:
-    parts = taken_apart(base)
+    parts = take_apart(base)
     parts.entries[0]["kind"] = 0
     yield ("directory-crc", "the CRC of ROOT before a kind in it", "R-5.4-2", "directory-crc-mismatch", parts.raw())
     yield ("root-whole", "a byte after ROOT before a kind in it", "R-5.7-2", "payload-long",
-           rerooted(base, lambda root: append()(splice(1, b"\0")(root))))
-    unknown = remade(base, block_added(kind=17, flags=1, layer=2))
+           change_root(base, lambda root: append()(splice(1, b"\0")(root))))
+    unknown = remake(base, block_added(kind=17, flags=1, layer=2))
     rows: tuple[tuple[str, str, str, str, bytes, Changes], ...] = (
         ("entries", "the flags of the last entry before the order of the first", "R-5.4-5", "entry-flags", base,
          {"root.models.1.-1.flags": 3, "root.models.0": lambda rows: rows[::-1]}),
@@ -78,7 +78,7 @@ def _root_faults(base: bytes) -> Iterator[Fault]:
          "unknown-critical-block", unknown, {"root.pages.0.tile_crc32": more}),
     )
     for name, purpose, rule, refusal, data, changes in rows:
-        yield name, purpose, rule, refusal, repaged(data, root=changes)
+        yield name, purpose, rule, refusal, change_pages(data, root=changes)
 
 
 def _page_faults(base: bytes) -> Iterator[Fault]:
@@ -101,24 +101,24 @@ def _page_faults(base: bytes) -> Iterator[Fault]:
          {"rows.0.2.lengths.0": more, "rows.0.2.counts.1": (1 << 16) + 1}, {}),
     )
     for name, purpose, rule, refusal, contents, root in rows:
-        yield name, purpose, rule, refusal, repaged(base, contents, root)
+        yield name, purpose, rule, refusal, change_pages(base, contents, root)
     yield ("rows-blocks", "the sums of a row page of layer 2 before the CRC of LAYER in layer 1", "R-5.5-10",
-           "page-sums", repaged(broken(base, entry_with(_LAYER, crc32=more)), {"rows.1.3.lengths.0": more}))
+           "page-sums", change_pages(change_rows(base, entry_with(_LAYER, crc32=more)), {"rows.1.3.lengths.0": more}))
 
 
 def _block_faults(base: bytes) -> Iterator[Fault]:
-    first, second = (changed(base, _LAYER, layer, append()) for layer in (1, 2))
+    first, second = (change_block(base, _LAYER, layer, append()) for layer in (1, 2))
     yield ("block-crc", "the CRC of TABLES in layer 2 before the content of LAYER in layer 1", "R-5.6-1",
-           "crc-mismatch", broken(first, entry_with(_TABLES, 2, crc32=more)))
+           "crc-mismatch", change_rows(first, entry_with(_TABLES, 2, crc32=more)))
     yield ("models", "the content of LAYER in layer 2 before the CRC of a TILE block in layer 1", "R-8.2-1",
-           "rans-length", broken(second, entry_with(TILE_KIND, crc32=more)))
+           "rans-length", change_rows(second, entry_with(TILE_KIND, crc32=more)))
     yield ("layer-by-layer", "TABLES of layer 1 before LAYER of layer 2", "R-8.2-1", "rans-length",
-           changed(changed(base, _TABLES, 1, append()), _LAYER, 2, replaced(bytes(4))))
-    steps = renumbered(base, _LAYER, numbered(("steps", 21)))
+           change_block(change_block(base, _TABLES, 1, append()), _LAYER, 2, replace_bytes(bytes(4))))
+    steps = change_numbers(base, _LAYER, renumber(("steps", 21)))
     yield ("tables-rows", "TABLES of layer 1 before the steps of LAYER", "R-8.2-1", "rans-length",
-           changed(steps, _TABLES, 1, append()))
-    passes = renumbered(base, _LAYER, numbered(("passes_log2", 4)))
+           change_block(steps, _TABLES, 1, append()))
+    passes = change_numbers(base, _LAYER, renumber(("passes_log2", 4)))
     yield ("layer-context", "the seal of LAYER before its passes", "R-8.2-2", "rans-seal",
-           renumbered(passes, _LAYER, lambda numbers: [*numbers, (("more", None), 1)]))
+           change_numbers(passes, _LAYER, lambda numbers: [*numbers, (("more", None), 1)]))
     yield ("tables-codebooks", "TABLES of layer 2 before CODEBOOKS of layer 1", "R-8.2-1", "rans-last-word",
-           changed(changed(base, _TABLES, 2, replaced(bytes(4))), _CODEBOOKS, 1, replaced(b"\0")))
+           change_block(change_block(base, _TABLES, 2, replace_bytes(bytes(4))), _CODEBOOKS, 1, replace_bytes(b"\0")))

@@ -11,14 +11,14 @@ from conformance.faults.layer_faults import with_context
 from conformance.faults.number_faults import WORD, ending_long
 from conformance.scenes.cases import Fault
 from conformance.scenes.made import Plan, build, channel
-from conformance.surgery.edit import Changes, edited, further, numbered, replaced
+from conformance.surgery.edit import Changes, edit, further, renumber, replace_bytes
 from conformance.surgery.files import (
     block_of,
     blocks_of,
-    changed,
+    change_block,
+    change_numbers,
     numbers_of,
     rebuilt,
-    renumbered,
     without,
 )
 from conformance.writer.file import write_file
@@ -37,11 +37,11 @@ _HEAD, _VALUES, _FIT, _ROWS = (
 _LIMIT = "R-8.5-4", "count-limit"
 
 
-def _edited(data: bytes, changes: Changes) -> bytes:
+def _edit(data: bytes, changes: Changes) -> bytes:
     """The file with fields of its first predictors changed."""
     before = unpack_predictors(block_of(data, _PREDICTORS).payload)
-    after = edited(before, changes)
-    return changed(data, _PREDICTORS, 1, lambda _: pack_predictors(after), len(after) - len(before))
+    after = edit(before, changes)
+    return change_block(data, _PREDICTORS, 1, lambda _: pack_predictors(after), len(after) - len(before))
 
 
 def predictor_faults(base: bytes, edge: bytes, alone: bytes) -> Iterator[Fault]:
@@ -57,9 +57,9 @@ def predictor_faults(base: bytes, edge: bytes, alone: bytes) -> Iterator[Fault]:
         *((f"-{field}-256", f"{field} is 256", _LIMIT, field, 256)
           for field in ("stream", "component", "step", "b1", "b2", "classes", "inputs", "units", "shift")),
     ):
-        yield f"predictor{name}", purpose, *rule, renumbered(base, _PREDICTORS, numbered((field, value)))
+        yield f"predictor{name}", purpose, *rule, change_numbers(base, _PREDICTORS, renumber((field, value)))
     for name, purpose, rule, data, changes in _edits(base, edge, alone):
-        yield f"predictor{name}", purpose, *rule, _edited(data, changes)
+        yield f"predictor{name}", purpose, *rule, _edit(data, changes)
     yield from _order_faults(base, edge)
     yield from _scene_faults(base)
 
@@ -96,19 +96,19 @@ def _wider(predictor: Predictor) -> Predictor:
     """The predictor with an input of weight 0 more, after its other inputs."""
     at = predictor.inputs
     more = {"weights": lambda weights: np.insert(weights, at, 0, axis=1)}
-    hidden = predictor.hidden and edited(predictor.hidden, more)
-    return replace(predictor, hidden=hidden, output=edited(predictor.output, more))
+    hidden = predictor.hidden and edit(predictor.hidden, more)
+    return replace(predictor, hidden=hidden, output=edit(predictor.output, more))
 
 
 def _order_faults(base: bytes, edge: bytes) -> Iterator[Fault]:
     """R-10.3-2 is applied after the numbers of the record, and before those of the next."""
     first = pack_predictors(unpack_predictors(block_of(base, _PREDICTORS).payload)[:1])
     for name, changes in (("step-zero", {"step": 0}), ("buckets", {"b1": 128, "b2": 1})):
-        numbers = numbered(*changes.items())(numbers_of(first, _PREDICTORS))
+        numbers = renumber(*changes.items())(numbers_of(first, _PREDICTORS))
         long = numbers_block(ending_long(numbers))
         yield (f"predictor-{name}-long", "a record that breaks R-10.3-2, and ends in a number too long", "R-8.5-1",
-               "bad-number", changed(base, _PREDICTORS, 1, replaced(long)))
-    more = changed(_edited(edge, {"0.output.biases.0": further}), _PREDICTORS, 1, lambda payload: WORD + payload)
+               "bad-number", change_block(base, _PREDICTORS, 1, replace_bytes(long)))
+    more = change_block(_edit(edge, {"0.output.biases.0": further}), _PREDICTORS, 1, lambda payload: WORD + payload)
     yield "predictor-reach-seal", "an accumulator that can reach 2^24, and a word too many", *_ROWS, more
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from conformance.scenes.cases import Case, Fault, refused
+from conformance.scenes.cases import Case, Fault, refuse
 from conformance.scenes.container_scenes import many_pages_file, paged_file, plain_file
 from conformance.surgery.edit import Changes, append, cut, more, plus, splice
 from conformance.surgery.parts import (
@@ -12,14 +12,14 @@ from conformance.surgery.parts import (
     Change,
     Parts,
     block_added,
-    broken,
+    change_pages,
+    change_root,
+    change_rows,
     entry_with,
-    flipped,
+    flip_bits,
     header_with,
-    remade,
-    repaged,
-    rerooted,
-    taken_apart,
+    remake,
+    take_apart,
 )
 from conformance.writer.pages import Pages
 from scarfmt.container.bytefields import unsigned_varint as varint
@@ -35,20 +35,20 @@ def root_faults() -> Iterator[Case]:
         _checksum_faults(paged), _structure_faults(paged), _varint_faults(paged), _entry_faults(plain),
         _number_faults(plain, paged), _sum_faults(plain), _wrap_faults(),
     ):
-        yield from (refused(*fault, stage="container") for fault in faults)
+        yield from (refuse(*fault, stage="container") for fault in faults)
 
 
 # ------------------------------------------------------------------------------------------------ bytes
 
 
 def _checksum_faults(base: bytes) -> Iterator[Fault]:
-    header = taken_apart(base).header
+    header = take_apart(base).header
     start, past = header["header_length"], header["header_length"] + header["root_length"]
-    parts = taken_apart(base)
+    parts = take_apart(base)
     parts.header["root_crc32"] ^= 1 << 31
     for name, purpose, data in (
-        ("bit", "one bit of ROOT is flipped", flipped(base, past - 1)),
-        ("first-bit", "one bit of the first byte of ROOT is flipped", flipped(base, start)),
+        ("bit", "one bit of ROOT is flipped", flip_bits(base, past - 1)),
+        ("first-bit", "one bit of the first byte of ROOT is flipped", flip_bits(base, start)),
         ("crc", "the CRC of ROOT is wrong", parts.raw()),
     ):
         yield f"root-{name}", purpose, "R-5.4-2", "directory-crc-mismatch", data
@@ -56,27 +56,27 @@ def _checksum_faults(base: bytes) -> Iterator[Fault]:
 
 def _structure_faults(base: bytes) -> Iterator[Fault]:
     for name, purpose, refusal, data in (
-        ("empty", "ROOT has no bytes", "payload-short", rerooted(base, lambda _: b"")),
-        ("short", "the last byte of ROOT is missing", "payload-short", rerooted(base, cut)),
-        ("long", "a byte after the last number of ROOT", "payload-long", rerooted(base, append())),
+        ("empty", "ROOT has no bytes", "payload-short", change_root(base, lambda _: b"")),
+        ("short", "the last byte of ROOT is missing", "payload-short", change_root(base, cut)),
+        ("long", "a byte after the last number of ROOT", "payload-long", change_root(base, append())),
         ("tiles-more", "one tile more than ROOT has pages for", "payload-short",
-         broken(base, header_with(tile_count=9))),
+         change_rows(base, header_with(tile_count=9))),
         ("tiles-fewer", "so few tiles that the last page is none", "payload-long",
-         broken(base, header_with(tile_count=6))),
+         change_rows(base, header_with(tile_count=6))),
         ("page-bits-fewer", "pages of one tile, and a ROOT for pages of two", "payload-short",
-         broken(base, header_with(page_bits=0))),
+         change_rows(base, header_with(page_bits=0))),
         ("page-bits-more", "pages of four tiles, and a ROOT for pages of two", "payload-long",
-         broken(base, header_with(page_bits=2))),
+         change_rows(base, header_with(page_bits=2))),
     ):
         yield f"root-{name}", purpose, "R-5.7-2 R-5.4-3", refusal, data
 
 
 def _varint_faults(base: bytes) -> Iterator[Fault]:
-    blocks = len(taken_apart(base).pages().root.models[0])
+    blocks = len(take_apart(base).pages().root.models[0])
     rows: tuple[tuple[str, str, bytes | Changes], ...] = (
         ("blocks-two-bytes", "the number of blocks takes a byte too many",
-         rerooted(base, splice(0, bytes([blocks | 0x80, 0])))),
-        ("blocks-256", "256 blocks in layer 1", rerooted(base, splice(0, varint(256)))),
+         change_root(base, splice(0, bytes([blocks | 0x80, 0])))),
+        ("blocks-256", "256 blocks in layer 1", change_root(base, splice(0, varint(256)))),
         ("length-2-53", "a block of 2^53 bytes", {"root.models.1.0.length": _MOST + 1}),
         ("count-2-32", "a block of 2^32 elements", {"root.models.1.0.count": 1 << 32}),
         ("gap-2-63", "a gap of 2^63 before page 0", {"root.pages.0.gap": 1 << 63}),
@@ -86,7 +86,7 @@ def _varint_faults(base: bytes) -> Iterator[Fault]:
         ("anchors-2-53", "2^53 anchors of a page", {"root.pages.0.rows.0.anchors": _MOST + 1}),
     )
     for name, purpose, made in rows:
-        data = made if isinstance(made, bytes) else repaged(base, root=made)
+        data = made if isinstance(made, bytes) else change_pages(base, root=made)
         yield f"root-{name}", purpose, "R-5.7-1 R-5.4-3", "bad-varint", data
 
 
@@ -125,7 +125,7 @@ def _entry_faults(base: bytes) -> Iterator[Fault]:
         ("critical-late", "a critical private block in layer 2", critical, block_added(layer=2, flags=1)),
     )
     for name, purpose, rule, change in rows:
-        yield name, purpose, *rule, remade(base, change)
+        yield name, purpose, *rule, remake(base, change)
 
 
 def _late_metadata(parts: Parts) -> None:
@@ -147,7 +147,7 @@ def _number_faults(plain: bytes, base: bytes) -> Iterator[Fault]:
     """Numbers of ROOT alone, of entries and of pages."""
     length, order, size = ("R-5.4-8", "entry-length"), ("R-5.4-11", "tile-order"), ("R-5.4-12", "page-length")
     sums, whole = "R-5.4-14", ("R-5.4-15", "directory-length")
-    gap = taken_apart(base).pages().root.pages[3].gap
+    gap = take_apart(base).pages().root.pages[3].gap
     rows: tuple[tuple[str, str, tuple[str, str], bytes, Changes], ...] = (
         ("entry-kind-tile", "a TILE block among the blocks of no tile", ("R-5.4-4", "entry-kind"), plain,
          {"root.models.0.-1.kind": TILE_KIND}),
@@ -185,25 +185,25 @@ def _number_faults(plain: bytes, base: bytes) -> Iterator[Fault]:
          {"root.pages.2.rows.0.row_bytes": plus(-1)}),
     )
     for name, purpose, rule, data, changes in rows:
-        yield name, purpose, *rule, repaged(data, root=changes)
-    parts = taken_apart(base)
+        yield name, purpose, *rule, change_pages(data, root=changes)
+    parts = take_apart(base)
     pages = parts.pages()
     yield ("directory-hole", "four bytes between the last page and the first block", *whole,
-           parts.joined(pages.root.packed(), pages.packed_pages() + bytes(4)))
+           parts.join(pages.root.pack(), pages.pack_pages() + bytes(4)))
 
 
 def _sum_faults(plain: bytes) -> Iterator[Fault]:
     """Summaries of layers that do not sum up to what ROOT says."""
     sizes, anchors = ("R-5.4-14", "layer-directory-bytes"), ("R-5.4-14", "layer-directory-anchors")
-    yield ("layer-takes-byte", "summaries that give a byte of layer 2 to layer 1", *sizes, broken(plain, {
+    yield ("layer-takes-byte", "summaries that give a byte of layer 2 to layer 1", *sizes, change_rows(plain, {
         "layers.0.byte_count": more, "layers.0.stream_bytes.0": more, "layers.0.end_offset": more,
         "layers.1.byte_count": plus(-1), "layers.1.stream_bytes.0": plus(-1)}))
-    yield ("model-bytes", "stream_bytes[0] has one byte of the TILE blocks", *sizes, broken(plain, {
+    yield ("model-bytes", "stream_bytes[0] has one byte of the TILE blocks", *sizes, change_rows(plain, {
         "layers.1.stream_bytes.0": more, "layers.1.stream_bytes.12": plus(-1)}))
-    yield ("layer-takes-anchor", "summaries that give an anchor of layer 2 to layer 1", *anchors, broken(plain, {
+    yield ("layer-takes-anchor", "summaries that give an anchor of layer 2 to layer 1", *anchors, change_rows(plain, {
         "layers.0.anchor_count": more, "layers.0.gaussian_count": more}))
     yield ("tile-count-more", "a TILE block and its page say an anchor more than the summary", *anchors,
-           broken(plain, entry_with(TILE_KIND, 2, count=more)))
+           change_rows(plain, entry_with(TILE_KIND, 2, count=more)))
 
 
 _FULL = 2048
@@ -224,4 +224,4 @@ def _wrap_faults() -> Iterator[Fault]:
                 row[field] = _MOST
 
         yield (f"page-{name}-wrap", f"{field} that sum to what they should modulo 2^64", "R-5.4-14 R-5.4-17", refusal,
-               repaged(base, root=change))
+               change_pages(base, root=change))

@@ -12,28 +12,28 @@ from dataclasses import replace
 import numpy as np
 
 from conformance.decoders.python.fields import key
-from conformance.scenes.cases import Case, Fault, refused
+from conformance.scenes.cases import Case, Fault, refuse
 from conformance.scenes.made import Plan, build, channel
 from conformance.scenes.neural_models import PredictorPlan
-from conformance.surgery.edit import replaced
+from conformance.surgery.edit import replace_bytes
 from conformance.surgery.files import (
     Records,
     blocks_of,
+    change_value,
     layer_counts_of,
     rebuilt,
     tile_parts,
-    valued,
     with_substream,
     with_tables,
 )
-from conformance.surgery.parts import flipped
+from conformance.surgery.parts import flip_bits
 from conformance.writer.file import write_file
 from conformance.writer.tables import Record
 from scarfmt.coding.writer import QuantisedScene
 from scarfmt.container.file import Block, Tile
 from scarfmt.container.schema import BlockKind, Stream
 from scarfmt.container.substreams import pack_substreams
-from scarfmt.entropy.rans import RansEncoder, cached_uniform
+from scarfmt.entropy.rans import RansEncoder, make_uniform
 from scarfmt.scene.model import Channel, DecodedContext, LayerRow
 
 Files = dict[str, tuple[bytes, QuantisedScene]]
@@ -58,13 +58,13 @@ def stream_faults(files: Files) -> Iterator[Case]:
         _range_faults(),
         _reach_faults(),
     ):
-        yield from (refused(*fault, stage="tiles") for fault in faults)
+        yield from (refuse(*fault, stage="tiles") for fault in faults)
 
 
 # ---------------------------------------------------------------------------------------------- the TILE block
 
 
-def _framed(records: list[tuple[int, int, int]], rest: bytes, count: int | None = None) -> bytes:
+def _frame(records: list[tuple[int, int, int]], rest: bytes, count: int | None = None) -> bytes:
     """A TILE block of any records (kind, length, CRC), its table's CRC right."""
     table = bytes([len(records) if count is None else count]) + b"".join(
         bytes([kind]) + length.to_bytes(4, "little") + crc.to_bytes(4, "little") for kind, length, crc in records
@@ -94,35 +94,35 @@ def _table_faults(base: bytes) -> Iterator[Fault]:
     eleven = [(kind, 4, zlib.crc32(word)) for kind in range(1, 12)]
     fits, order = ("R-7.1-1", _TABLE), ("R-7.1-3", _TABLE)
     yield ("records-twelve", "a table of twelve records", *fits,
-           tile(lambda _, __: _framed([*eleven, (12, 4, zlib.crc32(word))], 12 * word)))
+           tile(lambda _, __: _frame([*eleven, (12, 4, zlib.crc32(word))], 12 * word)))
     yield ("records-beyond", "a table of records past the end of its block", *fits,
-           tile(lambda r, _: _framed(r, b"", 11)))
+           tile(lambda r, _: _frame(r, b"", 11)))
     yield "records-no-crc", "a block of four bytes has no room for the CRC", *fits, tile(lambda _, __: bytes(4))
     yield ("records-crc", "the CRC of the table is wrong, that of the block is right", "R-7.1-2", "crc-mismatch",
-           raw(lambda payload: flipped(payload, 1 + 9 * payload[0])))
+           raw(lambda payload: flip_bits(payload, 1 + 9 * payload[0])))
     yield ("substream-crc-first", "the CRC of the first sub-stream is wrong", "R-7.1-5", "crc-mismatch",
-           tile(lambda r, p: _framed([(*r[0][:2], r[0][2] ^ 1), *r[1:]], p)))
+           tile(lambda r, p: _frame([(*r[0][:2], r[0][2] ^ 1), *r[1:]], p)))
     yield ("record-kind-0", "a record of kind 0", *order,
-           tile(lambda r, p: _framed([(0, 4, zlib.crc32(word)), *r], word + p)))
+           tile(lambda r, p: _frame([(0, 4, zlib.crc32(word)), *r], word + p)))
     yield ("record-kind-12", "a record of the kind FRAMING", *order,
-           tile(lambda r, p: _framed([*r, (12, 4, zlib.crc32(word))], p + word)))
-    yield "records-descend", "two records swapped", *order, tile(lambda r, p: _framed([r[1], r[0], *r[2:]], p))
+           tile(lambda r, p: _frame([*r, (12, 4, zlib.crc32(word))], p + word)))
+    yield "records-descend", "two records swapped", *order, tile(lambda r, p: _frame([r[1], r[0], *r[2:]], p))
     yield ("records-equal", "two records of one kind", *order,
-           tile(lambda r, p: _framed([r[0], r[0], *r[1:]], p[: r[0][1]] + p)))
+           tile(lambda r, p: _frame([r[0], r[0], *r[1:]], p[: r[0][1]] + p)))
     yield ("record-empty", "a record of no bytes", *order,
-           tile(lambda r, p: _framed([(r[0][0], 0, 0), *r[1:]], p[r[0][1] :])))
+           tile(lambda r, p: _frame([(r[0][0], 0, 0), *r[1:]], p[r[0][1] :])))
     yield "record-odd", "a sub-stream of six bytes", *order, tile(_six_bytes)
     yield ("offsets-explicit-crc", "OFFSETS in the explicit profile, with a wrong CRC", "R-7.1-4", _TABLE,
-           tile(lambda r, p: _framed([*r, (11, 4, zlib.crc32(word) ^ 1)], p + word)))
-    yield "substreams-gap", "four bytes after the last sub-stream", *order, tile(lambda r, p: _framed(r, p + word))
+           tile(lambda r, p: _frame([*r, (11, 4, zlib.crc32(word) ^ 1)], p + word)))
+    yield "substreams-gap", "four bytes after the last sub-stream", *order, tile(lambda r, p: _frame(r, p + word))
     yield ("substreams-beyond", "the last sub-stream ends past the block", *order,
-           tile(lambda r, p: _framed([*r[:-1], (r[-1][0], r[-1][1] + 4, r[-1][2])], p)))
+           tile(lambda r, p: _frame([*r[:-1], (r[-1][0], r[-1][1] + 4, r[-1][2])], p)))
 
 
 def _six_bytes(records: list[tuple[int, int, int]], parts: bytes) -> bytes:
     kind, length, _ = records[-1]
     six = bytes([1, 2, 3, 4, 5, 6])
-    return _framed([*records[:-1], (kind, 6, zlib.crc32(six))], parts[: len(parts) - length] + six)
+    return _frame([*records[:-1], (kind, 6, zlib.crc32(six))], parts[: len(parts) - length] + six)
 
 
 def _idle_faults(base: bytes, constant: bytes) -> Iterator[Fault]:
@@ -191,7 +191,7 @@ def _missing_tables(data: dict[str, bytes]) -> Iterator[Fault]:
         ("trits", "a refinement has no table", refined, 2, _of(Stream.SCALE, step=2)),
         ("predicted", "a context number of a predictor has no table", "predictors", 1, _of(Stream.OPACITY, 0, 1)),
     ):
-        yield f"no-table-{name}", what, *rule, _dropped(data[file], layer, drop)
+        yield f"no-table-{name}", what, *rule, _drop(data[file], layer, drop)
     yield ("table-late", "a table of layer 2 does not code symbols of layer 1", *rule, _late_table(data[refined]))
 
 
@@ -214,7 +214,7 @@ def _node(anchors: int) -> Pick:
     return _of(Stream.POSITIONS, 0, 0, anchors)
 
 
-def _dropped(data: bytes, layer: int, drop: Pick) -> bytes:
+def _drop(data: bytes, layer: int, drop: Pick) -> bytes:
     return with_tables(data, layer, lambda records: [record for record in records if not drop(record)])
 
 
@@ -237,15 +237,15 @@ def _with_value(data: bytes, layer: int, pick: Pick, old: int | None, new: int) 
     """The file with a value of the alphabets picked changed; `old` None: their last, or the first if `new` is less."""
 
     def change(records: Records) -> Records:
-        return [_changed(record, old, new) if pick(record) else record for record in records]
+        return [_change(record, old, new) if pick(record) else record for record in records]
 
     return with_tables(data, layer, change)
 
 
-def _changed(record: Record, old: int | None, new: int) -> Record:
+def _change(record: Record, old: int | None, new: int) -> Record:
     if old is None:
         old = record.values[0] if new < record.values[0] else record.values[-1]
-    return valued(record, old, new) if old in record.values else record
+    return change_value(record, old, new) if old in record.values else record
 
 
 def _value_faults(data: dict[str, bytes]) -> Iterator[Fault]:
@@ -285,7 +285,7 @@ def _value_faults(data: dict[str, bytes]) -> Iterator[Fault]:
     yield "mask-two-later", "a mask symbol of 2 in layer 2", *mask, with_tables(data["anchors"], 2, _masks_of_two)
     late = _with_value(data[refined], 3, _of(Stream.INDICES, 1, 0, 16), None, 12)
     yield ("index-above-without-table", "an index of 12 in one context, and no table for the next of that stage",
-           "R-8.3-3", "missing-table", _dropped(late, 3, _of(Stream.INDICES, 1, 0, 32)))
+           "R-8.3-3", "missing-table", _drop(late, 3, _of(Stream.INDICES, 1, 0, 32)))
 
 
 def _rest_faults(full: bytes) -> Iterator[Fault]:
@@ -296,10 +296,10 @@ def _rest_faults(full: bytes) -> Iterator[Fault]:
     ])
     for name, low in (("split-rest", 4095), ("split-rest-edge", 1)):
         rest = RansEncoder()
-        rest.encode(np.array([1]), cached_uniform(2))
-        rest.encode(np.array([low]), cached_uniform(4096))
+        rest.encode(np.array([1]), make_uniform(2))
+        rest.encode(np.array([low]), make_uniform(4096))
         yield (name, f"a rest of {4096 + low} in a bin 4097 wide", *_SPLIT,
-               with_substream(one_bin, 1, Stream.POSITIONS, replaced(rest.finish())))
+               with_substream(one_bin, 1, Stream.POSITIONS, replace_bytes(rest.finish())))
 
 
 def _masks_of_two(records: Records) -> Records:

@@ -6,12 +6,12 @@ import struct
 from collections.abc import Iterator
 from dataclasses import replace
 
-from conformance.scenes.cases import Case, refused, taken
+from conformance.scenes.cases import Case, refuse, take
 from conformance.scenes.container_scenes import plain_file, plain_scene
 from conformance.scenes.streaming_scenes import streaming_file, streaming_scene
-from conformance.surgery.edit import replaced
-from conformance.surgery.files import changed
-from conformance.surgery.parts import block_added, broken, entry_with, remade
+from conformance.surgery.edit import replace_bytes
+from conformance.surgery.files import change_block
+from conformance.surgery.parts import block_added, change_rows, entry_with, remake
 from conformance.writer.file import write_file
 from conformance.writer.options import WriteOptions
 from scarfmt.blocks.streaming import pack_streaming
@@ -60,10 +60,10 @@ _FAULTS = (
 def streaming_faults() -> Iterator[Case]:
     """Each is refused by who wants streaming information, and decoded by who does not look at it."""
     for name, purpose, rule, refusal, payload in _FAULTS:
-        data = changed(streaming_file(), _STREAMING, 1, replaced(payload))
-        yield refused(f"streaming-{name}", purpose, rule, refusal, data, "streaming")
-    wrong = broken(streaming_file(), entry_with(_STREAMING, crc32=0))
-    yield refused("streaming-crc", "STREAMING whose CRC says 0", "R-5.6-1", "crc-mismatch", wrong, "streaming")
+        data = change_block(streaming_file(), _STREAMING, 1, replace_bytes(payload))
+        yield refuse(f"streaming-{name}", purpose, rule, refusal, data, "streaming")
+    wrong = change_rows(streaming_file(), entry_with(_STREAMING, crc32=0))
+    yield refuse("streaming-crc", "STREAMING whose CRC says 0", "R-5.6-1", "crc-mismatch", wrong, "streaming")
     yield from _either()
 
 
@@ -76,15 +76,15 @@ def _either() -> Iterator[Case]:
         ("late", "STREAMING in layer 2", {"layer": 2, "flags": _SAFE}),
         ("not-safe", "STREAMING that is not safe to copy", {"flags": 0}),
     ):
-        data = remade(plain, block_added(payload, kind=_STREAMING, count=3, **entry))
-        yield taken(f"streaming-{name}", purpose, data, scene, "R-7.13-2", "bad-streaming")
-    counted = broken(streaming_file(), entry_with(_STREAMING, count=4))
-    yield taken("streaming-count", "the directory counts one tile too many", counted, scene, "R-5.4-19", "entry-count")
-    text = changed(streaming_file(), _STREAMING, 1, replaced(b"soon"))
-    yield taken("streaming-text", "STREAMING that is text, which a decoder does not look at", text, scene, "R-5.7-2",
-                "payload-short")
+        data = remake(plain, block_added(payload, kind=_STREAMING, count=3, **entry))
+        yield take(f"streaming-{name}", purpose, data, scene, "R-7.13-2", "bad-streaming")
+    counted = change_rows(streaming_file(), entry_with(_STREAMING, count=4))
+    yield take("streaming-count", "the directory counts one tile too many", counted, scene, "R-5.4-19", "entry-count")
+    text = change_block(streaming_file(), _STREAMING, 1, replace_bytes(b"soon"))
+    yield take("streaming-text", "STREAMING that is text, which a decoder does not look at", text, scene, "R-5.7-2",
+               "payload-short")
     large = write_file(scene, WriteOptions(blocks=(Block(int(BlockKind.THUMBNAIL), 1, bytes(65_536)),)))
-    yield taken("thumbnail-large", "a thumbnail of 65,536 bytes", large, scene, "R-7.15-1", "entry-length")
+    yield take("thumbnail-large", "a thumbnail of 65,536 bytes", large, scene, "R-7.15-1", "entry-length")
     scene = replace(scene, metadata={"coordinate_reference": {"crs": 25832, "origin": [0, 0, 0]}})
-    yield taken("metadata-reference", "a coordinate reference system that is a number", write_file(scene), scene,
-                "R-7.10-4", "bad-metadata")
+    yield take("metadata-reference", "a coordinate reference system that is a number", write_file(scene), scene,
+               "R-7.10-4", "bad-metadata")

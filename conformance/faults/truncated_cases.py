@@ -9,7 +9,7 @@ from conformance.scenes.cases import Case
 from conformance.scenes.container_scenes import paged_file
 from conformance.scenes.valid_cases import vector_id
 from conformance.spec.spec_text import size_of
-from conformance.surgery.parts import Parts, broken, remade, taken_apart
+from conformance.surgery.parts import Parts, change_rows, remake, take_apart
 from scarfmt.coding.writer import QuantisedScene
 
 # Among them files cut where the index network is there, but not the residual codebook that one of its heads is for.
@@ -58,8 +58,8 @@ def truncated_cases(files: Mapping[str, tuple[bytes, QuantisedScene]]) -> Iterat
 
 def _later_faults(data: bytes, scene: QuantisedScene) -> Iterator[Case]:
     """Files whose third layer cannot be decoded, and whose first two are as good as ever."""
-    absent = remade(data, lambda p: p.remove(p.row(_LAYER, 3)))
-    damaged = broken(data, lambda p: [entry.update(crc32=0) for entry in p.entries if entry["layer"] == 3])
+    absent = remake(data, lambda p: p.remove(p.row(_LAYER, 3)))
+    damaged = change_rows(data, lambda p: [entry.update(crc32=0) for entry in p.entries if entry["layer"] == 3])
     for name, purpose, rule, file in (
         ("absent", "no LAYER block in layer 3: a decoder to layer 2 needs none", "R-6.5-1", absent),
         ("damaged", "every block of layer 3 has a wrong CRC: a decoder to layer 2 has no need of them", "R-12.3-2",
@@ -70,7 +70,7 @@ def _later_faults(data: bytes, scene: QuantisedScene) -> Iterator[Case]:
 
 def cut_to_layers(data: bytes, layers: int) -> bytes:
     """SPEC §14, steps 2 and 3."""
-    parts = taken_apart(data)
+    parts = take_apart(data)
     kept = [
         number for number, entry in enumerate(parts.entries)
         if entry["layer"] <= layers
@@ -79,20 +79,20 @@ def cut_to_layers(data: bytes, layers: int) -> bytes:
     cut = Parts(parts.header, parts.layers[:layers], parts.tiles, [parts.entries[n] for n in kept],
                 [parts.blocks[n] for n in kept], parts.page_bits)
     cut.settle()
-    return cut.sealed()
+    return cut.seal()
 
 
 def _short_files(data: bytes) -> Iterator[Case]:
-    for name, length, purpose in _places(taken_apart(data)):
+    for name, length, purpose in _places(take_apart(data)):
         rule = "R-5.1-1" if length < 9 else "R-5.2-1" if length < 16 else "R-5.2-3"
         refusal = "truncated-header"
-        if length >= taken_apart(data).header["header_length"]:
+        if length >= take_apart(data).header["header_length"]:
             rule, refusal = "R-5.3-8", "truncated-file"
         yield _cut(name, f"the file ends {purpose}", data[:length], rule, refusal)
     yield _cut("in-other-version", "ten bytes of a file of another major version: without `minor`, nothing is compared",
                data[:9] + b"\5", "R-5.2-1", "truncated-header")
     large = long_last_block(data, 1 << 40, kind=_PRIVATE, layer=2)
-    yield _cut("of-1-tib", "a file of 1 TiB of which little arrived", large.sealed(), "R-5.3-8", "truncated-file")
+    yield _cut("of-1-tib", "a file of 1 TiB of which little arrived", large.seal(), "R-5.3-8", "truncated-file")
 
 
 def _cut(name: str, purpose: str, data: bytes, rule: str, refusal: str) -> Case:

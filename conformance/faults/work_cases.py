@@ -22,7 +22,7 @@ from conformance.scenes.made import (
 )
 from conformance.scenes.neural_models import GridPlan, NetworkPlan, PredictorPlan
 from conformance.surgery.files import blocks_of, numbers_of
-from conformance.surgery.parts import TILE_KIND, Parts, taken_apart
+from conformance.surgery.parts import TILE_KIND, Parts, take_apart
 from conformance.writer.file import write_file
 from scarfmt.blocks.mlp import Linear, QuantisedMlp
 from scarfmt.coding.writer import QuantisedScene
@@ -126,13 +126,13 @@ def _pair(data: bytes) -> tuple[bytes, bytes]:
     """The file with as many anchors as reach the limit, and filled up to it; and that a byte shorter."""
     work = Work(Decoder(data))
     # Beyond 17 anchors of a tile, one more costs what the next does.
-    start = [work.total(_declared(_with_anchors(data, count))) for count in (_ENOUGH, _ENOUGH + 1)]
-    shortest = len(_filled(data, 0, 1))
+    start = [work.total(_declare(_with_anchors(data, count))) for count in (_ENOUGH, _ENOUGH + 1)]
+    shortest = len(_fill(data, 0, 1))
     missing = _FREE_WORK + _WORK_PER_BYTE * (shortest + _ROOM) - start[0]
     more = _ENOUGH + -(-missing // (start[1] - start[0]))
-    total = work.total(_declared(_with_anchors(data, more)))
+    total = work.total(_declare(_with_anchors(data, more)))
     size = _least_size(data, more, total)
-    within, beyond = _filled(data, more, size), _filled(data, more, size - 1)
+    within, beyond = _fill(data, more, size), _fill(data, more, size - 1)
     if not _FREE_WORK + _WORK_PER_BYTE * len(beyond) < total <= _FREE_WORK + _WORK_PER_BYTE * len(within):
         raise ValueError("the pair is not on both sides of the limit of work")
     return within, beyond
@@ -142,20 +142,20 @@ def _least_size(data: bytes, more: int, total: int) -> int:
     """Bytes of the block that fills a file up to where its work is allowed; ROOT grows a little with them."""
     least = -(-(total - _FREE_WORK) // _WORK_PER_BYTE)
     size = 1
-    while (short := least - len(_filled(data, more, size))) > 0:
+    while (short := least - len(_fill(data, more, size))) > 0:
         size += short
-    while len(_filled(data, more, size - 1)) >= least:
+    while len(_fill(data, more, size - 1)) >= least:
         size -= 1
     return size
 
 
-def _declared(parts: Parts) -> Declared:
+def _declare(parts: Parts) -> Declared:
     return [(e["layer"], e["tile"], e["count"]) for e in parts.entries if e["kind"] == TILE_KIND]
 
 
 def _with_anchors(data: bytes, more: int) -> Parts:
     """The parts of the file with more anchors in the first layer of its tiles, as the directory says."""
-    parts = taken_apart(data)
+    parts = take_apart(data)
     left = more
     for entry in parts.entries:
         if entry["kind"] == TILE_KIND and entry["layer"] == 1:
@@ -170,14 +170,14 @@ def _with_anchors(data: bytes, more: int) -> Parts:
     return parts
 
 
-def _filled(data: bytes, more: int, size: int) -> bytes:
+def _fill(data: bytes, more: int, size: int) -> bytes:
     parts = _with_anchors(data, more)
     parts.add(bytes(size), kind=_PRIVATE, layer=len(parts.layers))
     parts.settle()
     for entry in parts.entries:
         if entry["kind"] == TILE_KIND:
             entry["crc32"] ^= 1
-    return parts.sealed()
+    return parts.seal()
 
 
 _BIG_GRID = GridPlan((0, 0, 0), 16, (GridLevel(0, 40, 12, 2), GridLevel(1, 5, 6, 1)))

@@ -64,7 +64,7 @@ def edge(
     return Case(f"edge/{name}", purpose, write_file(made, options), tuple(rules), tuple(features), made)
 
 
-def refused(
+def refuse(
     name: str, purpose: str, rules: str, refusal: str, data: bytes, stage: str = "tiles", extend_to: int = 0
 ) -> Case:
     """A file that breaks a rule: the first of `rules`, which blanks separate."""
@@ -72,6 +72,6 @@ def refused(
                 extend_to=extend_to)  # fmt: skip
 
 
-def taken(name: str, purpose: str, data: bytes, scene: QuantisedScene, rule: str, *refusals: str) -> Case:
+def take(name: str, purpose: str, data: bytes, scene: QuantisedScene, rule: str, *refusals: str) -> Case:
     """A file that a decoder may take, and then gets the scene, or refuse."""
     return Case(f"either/{name}", purpose, data, (rule,), scene=scene, refusals=refusals)

@@ -12,8 +12,8 @@ import numpy as np
 from conformance.scenes.cases import Case, edge
 from conformance.scenes.made import ANCHOR_CHANNELS, COLOURED, EVERY_CHANNEL, SCALE3, WHOLE, Plan, build, channel
 from conformance.scenes.neural_models import GridPlan, NetworkPlan, PredictorPlan
-from conformance.surgery.edit import edited, replaced
-from conformance.surgery.files import changed, numbers_of, renumbered
+from conformance.surgery.edit import edit, replace_bytes
+from conformance.surgery.files import change_block, change_numbers, numbers_of
 from conformance.writer.file import write_file
 from conformance.writer.numbers import Number, numbers_block
 from scarfmt.arrays import I32
@@ -84,20 +84,20 @@ def predictor_cases() -> Iterator[Case]:
     stored = build(_passes(1, (5,)))
     data = write_file(stored)
     for layer, group in stored.predictors.items():
-        data = changed(data, BlockKind.PREDICTORS, layer, replaced(_with_all_columns(group)))
+        data = change_block(data, BlockKind.PREDICTORS, layer, replace_bytes(_with_all_columns(group)))
     yield Case("edge/predictors-stored", "class columns without weights; biases that share no shift, or zeros by 31",
-               renumbered(data, BlockKind.PREDICTORS, _unshifted), ("R-8.5-2", "R-10.3-1"), scene=stored)
+               change_numbers(data, BlockKind.PREDICTORS, _unshift), ("R-8.5-2", "R-10.3-1"), scene=stored)
 
 
 def _with_all_columns(predictors: tuple[Predictor, ...]) -> bytes:
     """A block that stores all class columns: the last has a weight that no other is when it is packed, and then 0."""
     mark = 1000
-    marked = [edited(predictor, {f"output.weights.0.{MAX_CLASSES - 1}": mark}) for predictor in predictors]
+    marked = [edit(predictor, {f"output.weights.0.{MAX_CLASSES - 1}": mark}) for predictor in predictors]
     numbers = numbers_of(pack_predictors(marked), BlockKind.PREDICTORS)
     return numbers_block((field, 0 if (field[0], n) == ("weights", 2 * mark) else n) for field, n in numbers)
 
 
-def _unshifted(numbers: list[Number]) -> list[Number]:
+def _unshift(numbers: list[Number]) -> list[Number]:
     """The numbers, what was shifted shifted by 0, or by 31 where all of it is 0."""
     out: list[Number] = []
     for field, array in itertools.groupby(numbers, lambda one: one[0]):
@@ -382,7 +382,7 @@ def _number_cases() -> Iterator[Case]:
                    replace(scene, network=silent), ("R-10.5-7", "R-10.5-8"))
     scene = build(_plan("shifts of arrays", NetworkPlan(clusters=((), (6, 6))), _rows((True, (2,), 1))))
     yield Case("edge/index-shifts", "no zero bits left out of biases, zeros shifted by 31",
-               renumbered(write_file(scene), BlockKind.ENTROPY_NETWORK, _unshifted), ("R-8.5-2",), scene=scene)
+               change_numbers(write_file(scene), BlockKind.ENTROPY_NETWORK, _unshift), ("R-8.5-2",), scene=scene)
 
 
 def _with_ones(case: Case, ones: int) -> bytes:
@@ -395,7 +395,7 @@ def _with_ones(case: Case, ones: int) -> bytes:
         encoder.encode(bits.ravel(), FrequencyTable.from_weights(np.array([256 - ones, ones])))
         stream = encoder.finish()
         tables.append(bytes([ones]) + len(stream).to_bytes(4, "little") + stream)
-    return changed(case.data, BlockKind.HASH_GRID, 1, replaced(b"".join(tables)))
+    return change_block(case.data, BlockKind.HASH_GRID, 1, replace_bytes(b"".join(tables)))
 
 
 def _grid_cases() -> Iterator[Case]:

@@ -28,7 +28,7 @@ from conformance.scenes.made import (
 )
 from conformance.scenes.page_scenes import page_cases
 from conformance.scenes.prng import Prng
-from conformance.surgery.files import renumbered
+from conformance.surgery.files import change_numbers
 from conformance.writer.file import write_file
 from conformance.writer.numbers import Number
 from conformance.writer.options import Renewal, Weights, WriteOptions
@@ -66,7 +66,7 @@ def _plan(seed: str, counts: tuple[int, ...] = (24,), bits: int = 6, **fields: A
 # ---------------------------------------------------------------------------------------------- positions
 
 
-def _placed(plan: Plan, codes: Sequence[int]) -> QuantisedScene:
+def _place(plan: Plan, codes: Sequence[int]) -> QuantisedScene:
     """The scene of a plan of one tile, its anchors in the cells of these codes, ascending."""
     scene = build(plan)
     (content,) = scene.contents
@@ -86,15 +86,15 @@ def _position_cases() -> Iterator[Case]:
         "almost full", (65535,), 1, constant=True, skew=2), split, features=("bins",))
     yield edge("one-cell", "tiles of a single cell, no local bits: positions take no bytes", _plan(
         "one cell", (33, 1, 2), 1), uniform, features=("no-local-bits",))
-    yield edge("first-cell", "40 anchors in the first cell of 2^63: every node keeps all of them", _placed(
+    yield edge("first-cell", "40 anchors in the first cell of 2^63: every node keeps all of them", _place(
         _plan("first cell", (40,), 21), [0] * 40), split, features=("ties",))
-    yield edge("last-cell", "40 anchors in the last cell of 2^63: no lower half has any", _placed(
+    yield edge("last-cell", "40 anchors in the last cell of 2^63: no lower half has any", _place(
         _plan("last cell", (40,), 21), [(1 << 63) - 1] * 40), split, features=("ties",))
     spine = [0, *(1 << bit for bit in range(63))]
-    yield edge("spine", "an anchor splits off at every bit: as many widths of the rest of a code, 1 to 63", _placed(
+    yield edge("spine", "an anchor splits off at every bit: as many widths of the rest of a code, 1 to 63", _place(
         _plan("spine", (64,), 21), spine), split)
     ties = sorted([5] * 3 + [6] * 17 + [7] + [448] * 16 + [511] * 2)
-    yield edge("ties", "leaves of 1, 2, 3, 16 and 17 anchors that keep their order", _placed(
+    yield edge("ties", "leaves of 1, 2, 3, 16 and 17 anchors that keep their order", _place(
         _plan("ties", (len(ties),), 3), ties), ("R-7.2-1", "R-6.3-1"), features=("ties",))
 
 
@@ -142,7 +142,7 @@ def _table_cases() -> Iterator[Case]:
     first = replace(_plan("first symbols", (16,), 3), constant=True, rows=(
         LayerRow((1,), ((1,),)), LayerRow((3,), ((3,),))), dimension=2, codewords=(3, 3))
     yield edge("first-symbols", "all symbols are the first of tables of two: no sub-stream has bytes",
-               _placed(first, [511] * 16), ("R-7.1-6", "R-8.2-3"), WriteOptions(unused=(70000,)), ("empty-streams",))
+               _place(first, [511] * 16), ("R-7.1-6", "R-8.2-3"), WriteOptions(unused=(70000,)), ("empty-streams",))
 
 
 def _renewed_cases() -> Iterator[Case]:
@@ -420,7 +420,7 @@ def _number_cases() -> Iterator[Case]:
                WriteOptions(tables={1: wide}))
     plain = build(_plan("precision", (40,)))
     yield Case("edge/numbers-precision", "tables whose `precision` says nothing of their weights, only of their model",
-               renumbered(write_file(plain), BlockKind.TABLES, _as_of_24_bits), ("R-8.3-1",), scene=plain)
+               change_numbers(write_file(plain), BlockKind.TABLES, _as_of_24_bits), ("R-8.3-1",), scene=plain)
 
 
 def _as_of_24_bits(numbers: list[Number]) -> list[Number]:

@@ -149,7 +149,7 @@ def _fill(prng: Prng, plan: Plan, model: SceneModel, content: TileContent) -> No
     for index, channel_ in enumerate(model.channels):
         shape = content.values[index].shape
         if channel_.stream == Stream.OFFSETS:
-            values = prng.peaked(plan.spread, shape) * (content.slot_layers > 0)[:, :, None]
+            values = prng.draw_peaked(plan.spread, shape) * (content.slot_layers > 0)[:, :, None]
         else:
             steps = model.steps(last, index, content.classes)
             values = _values(prng, plan, shape, steps, channel_.stream)
@@ -166,7 +166,7 @@ def _values(prng: Prng, plan: Plan, shape: tuple[int, ...], steps: I64, stream: 
     if plan.constant:
         return -5 * 3 ** np.maximum(steps - 1, 0)[:, None] * (steps > 0)[:, None] * np.ones(shape, np.int64)
     spread = 0 if stream == Stream.POSITION_RESIDUAL else plan.spread
-    values = prng.peaked(spread, shape) * (steps > 0)[:, None]
+    values = prng.draw_peaked(spread, shape) * (steps > 0)[:, None]
     for step in range(2, int(steps.max(initial=0)) + 1):
         values = np.where((steps >= step)[:, None], 3 * values + prng.integers(-1, 2, shape), values)
     return values

@@ -48,7 +48,7 @@ def page_cases() -> Iterator[Case]:
                _LENGTHS, ("several-pages",), many_pages_scene(300))
 
 
-def _placed(seed: str, cubes: list[tuple[int, int]], counts: tuple[int, ...]) -> QuantisedScene:
+def _place(seed: str, cubes: list[tuple[int, int]], counts: tuple[int, ...]) -> QuantisedScene:
     """A scene of tiles of these depths and prefixes, as many local bits as fit, so many anchors in turn."""
     tiles = tuple(Tile(depth, max(_LATTICE - depth - 21, depth // 2), prefix) for depth, prefix in cubes)
     held = tuple(counts[number % len(counts)] for number in range(len(tiles)))
@@ -59,7 +59,7 @@ def climbing() -> QuantisedScene:
     """Cubes that grow from depth 21 at 0 to depth 1 and shrink again to depth 21, the last of which ends at 2^63."""
     low = [(depth, 1) for depth in range(_DEEPEST, 0, -1)]
     high = [(depth, (1 << 3 * depth) - 2) for depth in range(1, _DEEPEST + 1)]
-    return _placed("depths", [(_DEEPEST, 0), *low, *high, (_DEEPEST, (1 << 3 * _DEEPEST) - 1)], (1, 0, 2))
+    return _place("depths", [(_DEEPEST, 0), *low, *high, (_DEEPEST, (1 << 3 * _DEEPEST) - 1)], (1, 0, 2))
 
 
 def stairs() -> QuantisedScene:
@@ -70,4 +70,4 @@ def stairs() -> QuantisedScene:
         prefix = -(-past >> free)
         past = prefix + 1 << free
         cubes.append((depth, prefix))
-    return _placed("stairs", cubes, (2, 1, 0, 3))
+    return _place("stairs", cubes, (2, 1, 0, 3))

@@ -28,6 +28,6 @@ class Prng:
         count = int(np.prod(shape))
         return (self.words(count) % np.uint64(past - low)).astype(np.int64).reshape(shape) + low
 
-    def peaked(self, spread: int, shape: int | tuple[int, ...]) -> NDArray[np.int64]:
+    def draw_peaked(self, spread: int, shape: int | tuple[int, ...]) -> NDArray[np.int64]:
         """int64 round 0, small ones more often: the sum of three uniform ones, each within `spread`."""
         return sum((self.integers(-spread, spread + 1, shape) for _ in range(3)), np.zeros(shape, np.int64))

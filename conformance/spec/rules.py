@@ -97,14 +97,14 @@ def coverage(known: list[Vector]) -> dict[str, Any]:
 def faults(known: list[Vector]) -> list[str]:
     """Faults of the coverage, one line each: uncovered rules and ids, unknown ones, tests that do not exist."""
     return [
-        *_uncovered(known),
-        *_unknown(known),
+        *_find_uncovered(known),
+        *_find_unknown(known),
         *_missing_tests(),
-        *(f"MUST outside rules: {p}" for p in unruled(text())),
+        *(f"MUST outside rules: {p}" for p in find_unruled(text())),
     ]
 
 
-def _uncovered(known: list[Vector]) -> Iterator[str]:
+def _find_uncovered(known: list[Vector]) -> Iterator[str]:
     named = {rule for vector in known for rule in vector.rules} | set(rule_tests())
     yield from (f"{rule} has neither vector nor test" for rule in rules() if rule not in named)
     given = {refusal for vector in known for refusal in vector.refusals}
@@ -117,7 +117,7 @@ def _uncovered(known: list[Vector]) -> Iterator[str]:
                 yield f"{rule.id} has no vector refused as {refusal}"
 
 
-def _unknown(known: list[Vector]) -> Iterator[str]:
+def _find_unknown(known: list[Vector]) -> Iterator[str]:
     for vector in known:
         yield from (f"{vector.id} names {rule}, which SPEC.md lacks" for rule in vector.rules - set(rules()))
         yield from (f"{vector.id} names {id_}, which SPEC.md lacks" for id_ in vector.refusals - set(refusal_classes()))
@@ -146,7 +146,7 @@ def _functions(path: Path) -> frozenset[str]:
     return frozenset(node.name for node in ast.parse(path.read_text()).body if isinstance(node, ast.FunctionDef))
 
 
-def unruled(texts: str) -> list[str]:
+def find_unruled(texts: str) -> list[str]:
     """Beginnings of the paragraphs that oblige someone outside every rule."""
     out = []
     for paragraph in re.split(r"\n\n|\n(?=- |\| )", texts):

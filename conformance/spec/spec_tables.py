@@ -130,7 +130,7 @@ def _parts() -> dict[str, Callable[[], str]]:
     }
 
 
-def generated() -> dict[Path, str]:
+def generate() -> dict[Path, str]:
     """The text of each of `PAGES` with every generated part made anew.
 
     Raises:
@@ -153,7 +153,7 @@ def generated() -> dict[Path, str]:
 
 def main(arguments: list[str]) -> int:
     """Check the pages, or write them; returns the exit status."""
-    made = generated()
+    made = generate()
     stale = [page for page, text in made.items() if page.read_text() != text]
     for page in stale:
         if arguments == ["--write"]:

@@ -102,7 +102,7 @@ def refusal_classes() -> dict[str, str]:
     return {refusal: refusal_class(refusal) for rule in rules().values() for refusal in rule.refusals}
 
 
-def defined(part: str) -> list[tuple[str, str]]:
+def find_rules(part: str) -> list[tuple[str, str]]:
     """(id, text on one line) of every rule that a list or a table of `part` defines, in the order of the text."""
     found = [(m.start(), m[1], " ".join(m[2].split())) for m in _IN_LIST.finditer(part)]
     found += [(m.start(), m[1], f"{m[2].removesuffix('.')}; else {m[3]}.") for m in _IN_TABLE.finditer(part)]
@@ -121,7 +121,7 @@ def checks(part: str) -> dict[str, list[tuple[str, list[str]]]]:
 def rules() -> dict[str, Rule]:
     """Every rule by id: those of lists and tables, in the order of the text, then those that only layouts state."""
     out = {}
-    for rule, line in defined(text()):
+    for rule, line in find_rules(text()):
         printed = tuple(dict.fromkeys(_REFUSAL.findall(line)))
         out[rule] = Rule(rule, line, not line.startswith("(V)"), printed)
     for rule, lines in checks(text()).items():

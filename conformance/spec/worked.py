@@ -73,7 +73,7 @@ def table_rows(block: bytes) -> Iterator[str]:
         size = 6 if len(values) == 1 else 6 + 2 * len(values)
         sent, numbers = numbers[:size], numbers[size:]
         codes = f"{' '.join(map(str, values))} with weights {' '.join(map(str, weights))}"
-        yield f"{_listed(sent)}: {_key_text(number)} codes {codes}"
+        yield f"{_list(sent)}: {_key_text(number)} codes {codes}"
 
 
 def layer_rows(block: bytes, channels: int) -> Iterator[str]:
@@ -88,17 +88,17 @@ def layer_rows(block: bytes, channels: int) -> Iterator[str]:
     row: list[tuple[Field, int]] = []
     for number in reader.taken:
         if number[0][0] in ("stream", "passes_log2", "stages"):
-            yield _listed(row)
+            yield _list(row)
             row = []
         row.append(number)
-    yield _listed(row)
+    yield _list(row)
 
 
 def _state(block: bytes) -> str:
     return f"state 0x{Rans(block, {}).state:X}, numbers of 0 or more:"
 
 
-def _listed(numbers: list[tuple[Field, int]]) -> str:
+def _list(numbers: list[tuple[Field, int]]) -> str:
     """``name number number, name number``; of first widths bits in hexadecimal digits, and what they stand for."""
     fields = itertools.groupby(numbers, lambda one: str(one[0][0]))
     out = []

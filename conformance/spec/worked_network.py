@@ -95,46 +95,46 @@ def plain_network() -> Network:
     return parse_network(Numbers(pack_network(worked_network())))
 
 
-def _shown(value: Any) -> str:
+def _show(value: Any) -> str:
     """A number, a vector, or the rows of a matrix."""
     if isinstance(value, int):
         return str(value)
     if value and isinstance(value[0], list):
-        return "; ".join(_shown(row) for row in value)
+        return "; ".join(_show(row) for row in value)
     return " ".join(str(v) for v in value) or "none"
 
 
 def _linear_rows(name: str, layer: Linear) -> Rows:
-    yield f"{name} weights", _shown(layer.weights)
-    yield f"{name} biases; shift", f"{_shown(layer.biases)}; {layer.shift}"
+    yield f"{name} weights", _show(layer.weights)
+    yield f"{name} biases; shift", f"{_show(layer.biases)}; {layer.shift}"
 
 
 def network_rows() -> Rows:
     """(what, numbers) of the network, in the order of its block."""
     net = plain_network()
-    yield "codebook 0, codebook 1", f"{_shown(BOOKS.coarse.tolist())} and {_shown(BOOKS.residual.tolist())}"
+    yield "codebook 0, codebook 1", f"{_show(BOOKS.coarse.tolist())} and {_show(BOOKS.residual.tolist())}"
     yield "codeword_shift", str(net.codeword_shift)
     for name, layer in zip(("embed1", "embed2"), net.embed, strict=True):
         yield from _linear_rows(name, layer)
     gru = net.gru[0]
-    yield "Wi of codebook 0", _shown(gru.wi[0])
-    yield "Wi of codebook 1", _shown(gru.wi[1])
-    yield "Wh", _shown(gru.wh)
-    yield "bi of stage 1", _shown(gru.bi[0])
-    yield "bh", _shown(gru.bh)
-    yield "start; shift", f"{_shown(gru.start)}; {gru.shift}"
+    yield "Wi of codebook 0", _show(gru.wi[0])
+    yield "Wi of codebook 1", _show(gru.wi[1])
+    yield "Wh", _show(gru.wh)
+    yield "bi of stage 1", _show(gru.bi[0])
+    yield "bh", _show(gru.bh)
+    yield "start; shift", f"{_show(gru.start)}; {gru.shift}"
     assert net.attention is not None
     for name, layer in zip(("query", "key", "value"), net.attention[:3], strict=True):
         yield from _linear_rows(name, layer)
     yield "score_shift", str(net.attention.shift)
     yield from _linear_rows("mixer", net.mixer)
     for number, head in enumerate(net.heads):
-        yield f"head {number} clusters", _shown(head.clusters) if head.clusters else "flat"
+        yield f"head {number} clusters", _show(head.clusters) if head.clusters else "flat"
         for which, layer in enumerate(head.projections, start=1):
             yield from _linear_rows(f"head {number} project{which}", layer)
         yield f"head {number} shift, member_shift", f"{head.shift}, {head.member_shift}"
-        yield f"head {number} cluster_biases", _shown(head.cluster_biases)
-        yield f"head {number} biases", _shown(head.biases)
+        yield f"head {number} cluster_biases", _show(head.cluster_biases)
+        yield f"head {number} biases", _show(head.biases)
 
 
 def evaluation_rows() -> Rows:
@@ -142,19 +142,19 @@ def evaluation_rows() -> Rows:
     net = plain_network()
     coders = [Coder(net, head, book.tolist()) for head, book in zip(net.heads, _books(), strict=True)]
     x = [64, *(v >> 6 for v in FINE_VALUES)]
-    yield "inputs: class, fine values >> 6", _shown(x)
+    yield "inputs: class, fine values >> 6", _show(x)
     x = [clamp(v, -net.amax, net.amax) for v in x]
-    yield "clamped to -127..127", _shown(x)
-    yield "embed1.relu", _shown(net.embed[0](x, 0, net.amax))
+    yield "clamped to -127..127", _show(x)
+    yield "embed1.relu", _show(net.embed[0](x, 0, net.amax))
     h = net.embedding(x)
-    yield "h = embed2.signed", _shown(h)
-    yield "words of codebook 0", _shown(coders[0].words)
-    yield "words of codebook 1", _shown(coders[1].words)
+    yield "h = embed2.signed", _show(h)
+    yield "words of codebook 0", _show(coders[0].words)
+    yield "words of codebook 1", _show(coders[1].words)
     yield from _stage_one(net, coders[0], h)
     yield from _gru_rows(net, coders[0].words[FIRST_INDEX])
     tops = net.history([coders[0].words[FIRST_INDEX]])
     yield from _attention_rows(net, h, tops)
-    yield from _stage_two(net, coders[1], net.mixed(h, [coders[0].words[FIRST_INDEX]]))
+    yield from _stage_two(net, coders[1], net.mix(h, [coders[0].words[FIRST_INDEX]]))
 
 
 def _books() -> tuple[Any, Any]:
@@ -162,19 +162,19 @@ def _books() -> tuple[Any, Any]:
 
 
 def _stage_one(net: Network, coder: Coder, h: Vector) -> Rows:
-    y = net.mixed(h, [])
-    yield "stage 1: seen = value.signed(start), alpha of one state being 256", _shown(net.attend(h, net.history([])))
-    yield "stage 1: y = mixer.relu(h, seen)", _shown(y)
+    y = net.mix(h, [])
+    yield "stage 1: seen = value.signed(start), alpha of one state being 256", _show(net.attend(h, net.history([])))
+    yield "stage 1: y = mixer.relu(h, seen)", _show(y)
     yield from _symbol_rows("stage 1", net, coder.head.projections[0], coder.top(y), y)
 
 
 def _symbol_rows(stage: str, net: Network, project: Linear, logits: Vector, y: Vector) -> Rows:
-    yield f"{stage}: o", _shown(project(y, -net.amax, net.amax))
-    yield f"{stage}: logits", _shown(logits)
-    yield f"{stage}: weights exp2w", _shown([exp2w(max(logits) - logit) for logit in logits])
+    yield f"{stage}: o", _show(project(y, -net.amax, net.amax))
+    yield f"{stage}: logits", _show(logits)
+    yield f"{stage}: weights exp2w", _show([exp2w(max(logits) - logit) for logit in logits])
     c = frequencies(logits)
-    yield f"{stage}: F_0 .. F_n", _shown(c)
-    yield f"{stage}: frequencies", _shown([b - a for a, b in itertools.pairwise(c)])
+    yield f"{stage}: F_0 .. F_n", _show(c)
+    yield f"{stage}: frequencies", _show([b - a for a, b in itertools.pairwise(c)])
 
 
 def _gru_rows(net: Network, u: Vector) -> Rows:
@@ -184,17 +184,17 @@ def _gru_rows(net: Network, u: Vector) -> Rows:
     sums = [round_shift(a + b, s) for a, b in zip(px, ph, strict=True)]
     z, r = ([sigmoid12(v) for v in sums[k * width : (k + 1) * width]] for k in (0, 1))
     kept = [round_shift(a * clamp(round_shift(v, s), -2047, 2047), 12) for a, v in zip(r, ph[2 * width :], strict=True)]
-    yield f"stage 1 in recurrent: x = word of index {FIRST_INDEX}", _shown(u)
-    yield "stage 1 in recurrent: px", _shown(px)
-    yield "stage 1 in recurrent: ph", _shown(ph)
-    gates = f"{_shown(sums[:width])}; {_shown(sums[width : 2 * width])}"
+    yield f"stage 1 in recurrent: x = word of index {FIRST_INDEX}", _show(u)
+    yield "stage 1 in recurrent: px", _show(px)
+    yield "stage 1 in recurrent: ph", _show(ph)
+    gates = f"{_show(sums[:width])}; {_show(sums[width : 2 * width])}"
     yield "stage 1 in recurrent: arguments of update; reset", gates
-    yield "stage 1 in recurrent: update; reset", f"{_shown(z)}; {_shown(r)}"
-    yield "stage 1 in recurrent: kept", _shown(kept)
+    yield "stage 1 in recurrent: update; reset", f"{_show(z)}; {_show(r)}"
+    yield "stage 1 in recurrent: kept", _show(kept)
     arguments = [round_shift(a, s) + b for a, b in zip(px[2 * width :], kept, strict=True)]
-    yield "stage 1 in recurrent: argument of candidate", _shown(arguments)
-    yield "stage 1 in recurrent: candidate", _shown([net.state(v) for v in arguments])
-    yield "stage 1 in recurrent: new state, history_1", _shown(net.history([u])[1])
+    yield "stage 1 in recurrent: argument of candidate", _show(arguments)
+    yield "stage 1 in recurrent: candidate", _show([net.state(v) for v in arguments])
+    yield "stage 1 in recurrent: new state, history_1", _show(net.history([u])[1])
 
 
 def _attention_rows(net: Network, h: Vector, tops: Matrix) -> Rows:
@@ -203,19 +203,19 @@ def _attention_rows(net: Network, h: Vector, tops: Matrix) -> Rows:
     q, keys = query(h, -127, 127), [key(g, -127, 127) for g in tops]
     scores = [round_shift(dot(q, k), shift) for k in keys]
     weights = [exp2w(max(scores) - score) for score in scores]
-    yield "stage 2: q", _shown(q)
-    yield "stage 2: key_0; key_1", _shown(keys)
-    yield "stage 2: value_0; value_1", _shown([value(g, -net.amax, net.amax) for g in tops])
-    yield "stage 2: scores", _shown(scores)
-    yield "stage 2: share_m; alpha_m", f"{_shown(weights)}; {_shown([256 * w // sum(weights) for w in weights])}"
-    yield "stage 2: seen", _shown(net.attend(h, tops))
+    yield "stage 2: q", _show(q)
+    yield "stage 2: key_0; key_1", _show(keys)
+    yield "stage 2: value_0; value_1", _show([value(g, -net.amax, net.amax) for g in tops])
+    yield "stage 2: scores", _show(scores)
+    yield "stage 2: share_m; alpha_m", f"{_show(weights)}; {_show([256 * w // sum(weights) for w in weights])}"
+    yield "stage 2: seen", _show(net.attend(h, tops))
 
 
 def _stage_two(net: Network, coder: Coder, y: Vector) -> Rows:
     head = coder.head
-    yield "stage 2: y", _shown(y)
-    yield "stage 2: centroids", _shown(coder.centroids)
-    yield "stage 2: deviations", _shown([word for part in coder.deviations for word in part])
+    yield "stage 2: y", _show(y)
+    yield "stage 2: centroids", _show(coder.centroids)
+    yield "stage 2: deviations", _show([word for part in coder.deviations for word in part])
     yield from _symbol_rows("stage 2, cluster", net, head.projections[0], coder.top(y), y)
     yield from _symbol_rows("stage 2, member of cluster 1", net, head.projections[1], coder.members(1, y), y)
 

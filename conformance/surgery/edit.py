@@ -14,7 +14,7 @@ Changes = Mapping[str, Any]
 """By path, such as ``gru.0.start.-1``, a value or a function of that which is there. The empty path is the whole."""
 
 
-def edited(value: Any, changes: Changes) -> Any:
+def edit(value: Any, changes: Changes) -> Any:
     """A copy with other fields: of dataclasses and rows by name, of lists, tuples and arrays by number."""
     for path, new in changes.items():
         value = _put(value, path.split(".") if path else [], new)
@@ -48,7 +48,7 @@ def further(number: int) -> int:
     return number + (1 if number > 0 else -1)
 
 
-def numbered(*changes: tuple[str | None, int]) -> Callable[[list[Number]], list[Number]]:
+def renumber(*changes: tuple[str | None, int]) -> Callable[[list[Number]], list[Number]]:
     """A change of numbers: others for these fields, each for the first after the one before."""
 
     def put(numbers: list[Number]) -> list[Number]:
@@ -65,7 +65,7 @@ def splice(at: int, new: bytes, length: int = 1) -> Callable[[bytes], bytes]:
     return lambda data: data[:at] + new + data[len(data[:at]) + length :]
 
 
-def replaced(new: bytes) -> Callable[[bytes], bytes]:
+def replace_bytes(new: bytes) -> Callable[[bytes], bytes]:
     """A change of bytes: other ones in their place."""
     return lambda _: new
 

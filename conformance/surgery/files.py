@@ -10,7 +10,7 @@ from conformance.decoders.python.front import NO_TILE, Root, read_entries
 from conformance.decoders.python.models import parse_tables
 from conformance.decoders.python.numbers import Numbers
 from conformance.spec.spec_text import size_of
-from conformance.surgery.parts import substreams, taken_apart, unpack
+from conformance.surgery.parts import substreams, take_apart, unpack
 from conformance.writer.file import Counts, count_rows, write_blocks
 from conformance.writer.numbers import Number, numbers_block
 from conformance.writer.tables import Record, table_numbers
@@ -41,14 +41,14 @@ def block_of(data: bytes, kind: int, layer: int | None = None) -> Block:
     return next(block for block in blocks_of(data) if block.kind == kind and layer in (None, block.layer))
 
 
-def copied(data: bytes, kind: int, layer: int) -> bytes:
+def copy_block(data: bytes, kind: int, layer: int) -> bytes:
     """The file with its first block of `kind` in `layer`, too."""
     return rebuilt(data, [*blocks_of(data), replace(block_of(data, kind), layer=layer)])
 
 
 def rebuilt(data: bytes, blocks: Iterable[Block], counts: Counts | None = None) -> bytes:
     """The file with other blocks, and perhaps other counts of its layers; everything about them is recomputed."""
-    parts = taken_apart(data)
+    parts = take_apart(data)
     if counts is not None:
         parts.layers = count_rows(counts)
     return write_blocks(parts, blocks)
@@ -62,7 +62,7 @@ def layer_counts_of(data: bytes) -> Counts:
     return [(layer["anchor_count"], layer["gaussian_count"]) for layer in layers]
 
 
-def changed(data: bytes, kind: int, layer: int, change: Callable[[bytes], bytes], count: int = 0) -> bytes:
+def change_block(data: bytes, kind: int, layer: int, change: Callable[[bytes], bytes], count: int = 0) -> bytes:
     """The file with the first block of `kind` in `layer` changed, lengths and checksums right.
 
     `count` is added to the block's count.
@@ -76,11 +76,11 @@ def changed(data: bytes, kind: int, layer: int, change: Callable[[bytes], bytes]
     return rebuilt(data, blocks)
 
 
-def renumbered(
+def change_numbers(
     data: bytes, kind: int, change: Callable[[list[Number]], list[Number]], count: int = 0
 ) -> bytes:
     """The file with the numbers of its first block of `kind` in layer 1 changed; see :func:`changed`."""
-    return changed(data, kind, 1, lambda payload: numbers_block(change(numbers_of(payload, kind))), count)
+    return change_block(data, kind, 1, lambda payload: numbers_block(change(numbers_of(payload, kind))), count)
 
 
 class NumberRecorder(NumberReader):
@@ -121,10 +121,10 @@ def with_tables(data: bytes, layer: int, change: Callable[[Records], Records]) -
     after = change(before)
     assert after != before
     made = numbers_block(table_numbers(after))
-    return changed(data, BlockKind.TABLES, layer, lambda _: made, len(after) - len(before))
+    return change_block(data, BlockKind.TABLES, layer, lambda _: made, len(after) - len(before))
 
 
-def valued(record: Record, old: int, new: int) -> Record:
+def change_value(record: Record, old: int, new: int) -> Record:
     """The record with a value of its alphabet changed."""
     assert old in record.values
     return record._replace(values=[new if value == old else value for value in record.values])
@@ -137,7 +137,7 @@ def with_substream(data: bytes, layer: int, stream: Stream, change: Callable[[by
         parts = tile_parts(payload)
         return pack_substreams({**parts, stream: change(parts.get(stream, b""))})
 
-    return changed(data, BlockKind.TILE, layer, edit)
+    return change_block(data, BlockKind.TILE, layer, edit)
 
 
 def stream_bytes(payload: bytes) -> dict[int, int]:

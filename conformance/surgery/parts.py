@@ -14,8 +14,8 @@ from typing import Any, TypeVar
 
 from conformance.decoders.python.front import NO_TILE, Root, read_entries, read_tiles
 from conformance.spec.spec_text import Place, place_of, size_of, structure
-from conformance.surgery.edit import Changes, edited
-from conformance.writer.pages import ModelRow, Pages, TileRow, paged
+from conformance.surgery.edit import Changes, edit
+from conformance.writer.pages import ModelRow, Pages, TileRow, make_pages
 
 T = TypeVar("T")
 Row = dict[str, Any]
@@ -105,7 +105,7 @@ class Parts:
         for entry, block in zip(self.entries, self.blocks, strict=True):
             entry["length"], entry["crc32"] = len(block), zlib.crc32(block)
         pages = self.pages()
-        self.root_length, self.pages_length = len(pages.root.packed()), len(pages.packed_pages())
+        self.root_length, self.pages_length = len(pages.root.pack()), len(pages.pack_pages())
         self.header["root_length"] = self.root_length
         end = self._header_length() + self.root_length + self.pages_length
         at = end
@@ -145,25 +145,25 @@ class Parts:
                 rows.append(TileRow(entry["layer"], entry["tile"], length, count, crc))
             else:
                 models[entry["layer"] - 1].append(ModelRow(entry["kind"], entry["flags"], length, count, crc))
-        return paged(cubes, models, rows, self.page_bits)
+        return make_pages(cubes, models, rows, self.page_bits)
 
     def raw(self, pages: bytes | None = None) -> bytes:
         """The file as the rows say, or with other ROOT and pages; only the header's checksum is made right."""
         made = self.pages()
-        between = made.root.packed() + made.packed_pages() if pages is None else pages
+        between = made.root.pack() + made.pack_pages() if pages is None else pages
         front = pack("FILE_HEADER", self.header) + b"".join(pack("LAYER_SUMMARY", layer) for layer in self.layers)
         return b"".join([front, struct.pack("<I", zlib.crc32(front)), between, *self.blocks])
 
-    def sealed(self, pages: Pages | None = None) -> bytes:
+    def seal(self, pages: Pages | None = None) -> bytes:
         """The file, the header right about where ROOT ends, its checksum and where the blocks begin.
 
         Args:
             pages: ROOT and pages; None for those the rows say.
         """
         made = self.pages() if pages is None else pages
-        return self.joined(made.root.packed(), made.packed_pages())
+        return self.join(made.root.pack(), made.pack_pages())
 
-    def joined(self, root: bytes, pages: bytes) -> bytes:
+    def join(self, root: bytes, pages: bytes) -> bytes:
         """The bytes of the file, with any bytes for ROOT and for the pages."""
         longer = len(root) - self.root_length
         later = longer + len(pages) - self.pages_length
@@ -183,7 +183,7 @@ def substreams(block: bytes) -> Iterator[tuple[int, int]]:
         yield row["stream"], row["length"]
 
 
-def taken_apart(data: bytes) -> Parts:
+def take_apart(data: bytes) -> Parts:
     """The parts of a file whose ROOT and pages are sound."""
     header = unpack("FILE_HEADER", data)
     layers = _rows("LAYER_SUMMARY", data, size_of("FILE_HEADER"), header["layer_count"])
@@ -195,44 +195,44 @@ def taken_apart(data: bytes) -> Parts:
     return Parts(header, layers, tiles, entries, blocks, root.page_bits, header["root_length"], pages)
 
 
-def broken(data: bytes, change: Change) -> bytes:
+def change_rows(data: bytes, change: Change) -> bytes:
     """The file with rows changed, and nothing made right but the checksums of the front."""
-    parts = _with(taken_apart(data), change)
-    return parts.sealed()
+    parts = _with(take_apart(data), change)
+    return parts.seal()
 
 
 def _with(value: T, change: Callable[[T], object] | Changes) -> T:
     if isinstance(change, Mapping):
-        made: T = edited(value, change)
+        made: T = edit(value, change)
         return made
     change(value)
     return value
 
 
-def remade(data: bytes, change: Change) -> bytes:
+def remake(data: bytes, change: Change) -> bytes:
     """The file with parts changed, and every size, offset, sum and checksum made right."""
-    parts = _with(taken_apart(data), change)
+    parts = _with(take_apart(data), change)
     parts.settle()
-    return parts.sealed()
+    return parts.seal()
 
 
-def repaged(data: bytes, contents: PageChange | None = None, root: PageChange | None = None) -> bytes:
+def change_pages(data: bytes, contents: PageChange | None = None, root: PageChange | None = None) -> bytes:
     """The file with numbers of pages changed; then ROOT is made right about their bytes, and changed itself."""
-    parts = taken_apart(data)
+    parts = take_apart(data)
     pages = parts.pages()
     if contents is not None:
         pages = _with(pages, contents)
         pages.settle()
     if root is not None:
         pages = _with(pages, root)
-    return parts.sealed(pages)
+    return parts.seal(pages)
 
 
-def rerooted(data: bytes, change: Callable[[bytes], bytes]) -> bytes:
+def change_root(data: bytes, change: Callable[[bytes], bytes]) -> bytes:
     """The file with the bytes of ROOT changed, its length and checksum right."""
-    parts = taken_apart(data)
+    parts = take_apart(data)
     pages = parts.pages()
-    return parts.joined(change(pages.root.packed()), pages.packed_pages())
+    return parts.join(change(pages.root.pack()), pages.pack_pages())
 
 
 def field_at(name: str, field: str, start: int = 0, number: int = 0) -> int:
@@ -251,7 +251,7 @@ def entry_with(kind: int, layer: int = 1, **fields: Any) -> Change:
 
     def change(parts: Parts) -> None:
         row = parts.row(kind, layer)
-        parts.entries[row] = edited(parts.entries[row], fields)
+        parts.entries[row] = edit(parts.entries[row], fields)
 
     return change
 
@@ -261,6 +261,6 @@ def block_added(payload: bytes = b"?", **entry: int) -> Change:
     return lambda parts: parts.add(payload, **entry)
 
 
-def flipped(data: bytes, offset: int, mask: int = 1) -> bytes:
+def flip_bits(data: bytes, offset: int, mask: int = 1) -> bytes:
     """The file with some bits of one byte inverted."""
     return data[:offset] + bytes([data[offset] ^ mask]) + data[offset + 1 :]

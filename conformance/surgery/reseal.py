@@ -24,7 +24,7 @@ def _header_length(layers: int) -> int:
     return size_of("FILE_HEADER") + size_of("LAYER_SUMMARY") * layers + size_of("HEADER_CHECKSUM")
 
 
-def resealed(data: bytes) -> bytes:
+def reseal(data: bytes) -> bytes:
     """The file with the checksums of sub-streams, blocks, pages, ROOT and header made right where they can be found."""
     if len(data) < _header_length(0):
         return data
@@ -62,7 +62,7 @@ def _seal_directory(out: bytearray, start: int) -> None:
         ]
         listed.append(pages.RootPage(page.base - before, page.size, _sum(out, span.start, span.past), rows))
         before = page.base
-    packed = pages.Root(models, listed).packed()
+    packed = pages.Root(models, listed).pack()
     out[start : start + len(packed)] = packed
 
 
@@ -90,7 +90,7 @@ def _seal_rows(out: bytearray, root: Root, page: tuple[int, int], at: int) -> in
         reader.varint(32)
     for length in lengths:
         if at + length <= len(out):
-            out[at : at + length] = resealed_tile(bytes(out[at : at + length]))
+            out[at : at + length] = reseal_tile(bytes(out[at : at + length]))
         (known,) = reader.fields("I")
         _CRC.pack_into(out, start + reader.at - _CRC.size, _block_sum(out, at, length, known))
         at += length
@@ -105,7 +105,7 @@ def _sum(out: bytearray, start: int, past: int) -> int:
     return zlib.crc32(out[start:past])
 
 
-def resealed_tile(payload: bytes) -> bytes:
+def reseal_tile(payload: bytes) -> bytes:
     """A TILE block with all its checksums made right, as far as its table makes sense."""
     record = size_of("SUBSTREAM_RECORD")
     size = 1 + record * payload[0] if payload else 0

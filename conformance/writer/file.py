@@ -81,4 +81,4 @@ def write_blocks(parts: Parts, blocks: Iterable[Block]) -> bytes:
         for block in chosen
     ]
     parts.settle()
-    return parts.sealed()
+    return parts.seal()

@@ -34,7 +34,7 @@ class Oracle:
         """y of the stage that follows the indices `codes`, of input columns `x`."""
         net = self.network
         words = [self._coders[min(number, 1)].words[code] for number, code in enumerate(codes)]
-        return net.mixed(net.embedding([clamp(v, -net.amax, net.amax) for v in x]), words)
+        return net.mix(net.embedding([clamp(v, -net.amax, net.amax) for v in x]), words)
 
     def top(self, book: int, y: Vector) -> Vector:
         """Frequencies of the codewords of a flat head, of the clusters of a two-level one."""

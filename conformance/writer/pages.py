@@ -52,7 +52,7 @@ class TilePage:
     shifts: list[int]
     gaps: list[int]
 
-    def packed(self) -> bytes:
+    def pack(self) -> bytes:
         """The bytes of the page."""
         return bytes(self.depths) + bytes(self.shifts) + b"".join(map(varint, self.gaps))
 
@@ -65,7 +65,7 @@ class RowPage:
     counts: list[int]
     crcs: list[int]
 
-    def packed(self) -> bytes:
+    def pack(self) -> bytes:
         """The bytes of the page."""
         numbers = b"".join(map(varint, (*self.lengths, *self.counts)))
         return numbers + struct.pack(f"<{len(self.crcs)}I", *self.crcs)
@@ -77,7 +77,7 @@ class RawPage:
 
     data: bytes
 
-    def packed(self) -> bytes:
+    def pack(self) -> bytes:
         """The bytes of the page."""
         return self.data
 
@@ -109,7 +109,7 @@ class Root:
     models: list[list[ModelRow]]
     pages: list[RootPage]
 
-    def packed(self) -> bytes:
+    def pack(self) -> bytes:
         """The bytes of ROOT."""
         out = []
         for rows in self.models:
@@ -144,20 +144,20 @@ class Pages:
     def settle(self) -> None:
         """Make right what ROOT says of the bytes of pages: their lengths and checksums, not the sums."""
         for number, (page, tiles) in enumerate(zip(self.root.pages, self.tiles, strict=True)):
-            data = tiles.packed()
+            data = tiles.pack()
             page.tile_bytes, page.tile_crc32 = len(data), zlib.crc32(data)
             for row, layer in zip(page.rows, self.rows, strict=True):
                 rows = layer[number]
-                data = b"" if rows is None else rows.packed()
+                data = b"" if rows is None else rows.pack()
                 row.row_bytes, row.row_crc32 = len(data), zlib.crc32(data)
 
-    def packed_pages(self) -> bytes:
+    def pack_pages(self) -> bytes:
         """Tile pages, then the row pages of layer 1, of layer 2, and so on."""
-        rows = [page.packed() for layer in self.rows for page in layer if page is not None]
-        return b"".join([*(page.packed() for page in self.tiles), *rows])
+        rows = [page.pack() for layer in self.rows for page in layer if page is not None]
+        return b"".join([*(page.pack() for page in self.tiles), *rows])
 
 
-def paged(
+def make_pages(
     cubes: Sequence[Cube], models: Sequence[Sequence[ModelRow]], blocks: Iterable[TileRow], page_bits: int
 ) -> Pages:
     """ROOT and pages of a file whose numbers are right.

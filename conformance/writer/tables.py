@@ -54,7 +54,7 @@ def _key(before: Sequence[int], digits: Sequence[int]) -> Iterator[Number]:
 def _record(record: Record) -> Iterator[Number]:
     kind, values = min(record.digits[2], 2), record.values
     yield ("more", kind), len(values) - 1
-    yield ("first", kind), folded(values[0])
+    yield ("first", kind), fold(values[0])
     yield from ((("gaps", kind), after - before - 1) for before, after in pairwise(values))
     if len(values) > 1:
         precision = min(max(record.weights).bit_length() - 1, _MOST_PRECISION)
@@ -62,7 +62,7 @@ def _record(record: Record) -> Iterator[Number]:
         yield from ((("weights", precision), weight - 1) for weight in record.weights)
 
 
-def folded(value: int) -> int:
+def fold(value: int) -> int:
     """A signed number as one of 0 or more: 0, -1, 1, -2, ... as 0, 1, 2, 3, ..."""
     return 2 * value if value >= 0 else -2 * value - 1
 

@@ -18,8 +18,8 @@ from typing import Any
 from conformance.decoders.python.fields import Refused
 from conformance.spec.spec_text import size_of, structure
 from conformance.surgery.files import NUMBERS, NumberRecorder, blocks_of, layer_counts_of, rebuilt, stream_bytes
-from conformance.surgery.parts import repaged, rerooted, taken_apart
-from conformance.surgery.reseal import is_file, resealed
+from conformance.surgery.parts import change_pages, change_root, take_apart
+from conformance.surgery.reseal import is_file, reseal
 from conformance.writer.numbers import Number, numbers_block
 from conformance.writer.pages import Pages, RawPage
 from scarfmt.container.bytefields import unsigned_varint
@@ -215,12 +215,12 @@ def _on_pages(change: PageChange, *, contents: bool) -> PageChange:
     """Register a change of numbers of ROOT, or of the contents of pages, after which ROOT is right about them."""
 
     def operator(data: bytes, dice: Dice) -> bytes:
-        parts = taken_apart(data)
+        parts = take_apart(data)
         # Most small files have a single page.
         parts.page_bits = dice.choice((0, 1, parts.page_bits, parts.page_bits))
         parts.settle()
         changes: dict[str, Any] = {"contents" if contents else "root": lambda pages: change(pages, dice)}
-        return repaged(parts.sealed(), **changes)
+        return change_pages(parts.seal(), **changes)
 
     ON_BYTES.add(_register(change.__name__, operator))
     return change
@@ -303,16 +303,16 @@ def page_bytes(pages: Pages, dice: Dice) -> None:
     """Bytes or varints of a tile page or a row page."""
     tiles: list[tuple[list[Any], int]] = [(pages.tiles, number) for number in range(len(pages.tiles))]
     group, number = dice.choice([*tiles, *_row_pages(pages)])
-    group[number] = RawPage(altered(group[number].packed(), dice))
+    group[number] = RawPage(alter(group[number].pack(), dice))
 
 
 @_on_bytes
 def root_bytes(data: bytes, dice: Dice) -> bytes:
     """Bytes or varints of ROOT."""
-    return rerooted(data, lambda root: altered(root, dice))
+    return change_root(data, lambda root: alter(root, dice))
 
 
-def altered(content: bytes, dice: Dice) -> bytes:
+def alter(content: bytes, dice: Dice) -> bytes:
     """Some bytes of a structure replaced: single ones, or varints in place of varints."""
     out = content
     for _ in range(dice.choice((1, 1, 2, 4))):
@@ -347,7 +347,7 @@ def _put_together(data: bytes, blocks: Sequence[Block], gaussians: Sequence[int]
         for number, block in enumerate(blocks)
         if block.layer in layers
     }
-    header = taken_apart(data).header
+    header = take_apart(data).header
     counts, anchors, most = [], 0, 0
     for layer, declared in zip(layers, gaussians, strict=True):
         anchors += sum(b.count for b in kept.values() if (b.kind, b.layer) == (BlockKind.TILE, layer))
@@ -399,7 +399,7 @@ def _numbers(payload: bytes) -> list[Number]:
     return found
 
 
-def _written(numbers: Iterable[Number]) -> bytes:
+def _write(numbers: Iterable[Number]) -> bytes:
     return numbers_block((name, min(max(number, 0), LARGEST)) for name, number in numbers)
 
 
@@ -410,7 +410,7 @@ def number_values(payload: bytes, dice: Dice) -> bytes:
     for _ in range(dice.randint(1, 3)):
         at = dice.randrange(min(len(numbers), dice.choice((4, len(numbers)))))
         numbers[at] = numbers[at][0], dice.number(4, numbers[at][1])
-    return _written(numbers)
+    return _write(numbers)
 
 
 @_on_payload(*NUMBERS)
@@ -418,7 +418,7 @@ def number_order(payload: bytes, dice: Dice) -> bytes:
     """Numbers of a block left out, or there twice."""
     numbers = _numbers(payload)
     start, length = dice.randrange(len(numbers)), dice.randint(1, 4)
-    return _written(numbers[:start] + dice.choice((0, 2)) * numbers[start : start + length] + numbers[start + length :])
+    return _write(numbers[:start] + dice.choice((0, 2)) * numbers[start : start + length] + numbers[start + length :])
 
 
 @_on_payload(*NUMBERS)
@@ -427,13 +427,13 @@ def number_bomb(payload: bytes, dice: Dice) -> bytes:
     numbers = _numbers(payload)
     numbers[0] = numbers[0][0], dice.choice((1, 8, 65536))
     filler = dice.choice(numbers)[0], dice.choice((0, 0, 1, 4095))
-    return _written(numbers + [filler] * dice.choice((1 << 8, 1 << 12)))
+    return _write(numbers + [filler] * dice.choice((1 << 8, 1 << 12)))
 
 
 @_on_payload(BlockKind.HASH_GRID)
 def grid_content(payload: bytes, dice: Dice) -> bytes:
     """Numbers in a HASH_GRID block."""
-    return altered(payload, dice)
+    return alter(payload, dice)
 
 
 @_on_payload(BlockKind.LAYER)
@@ -443,7 +443,7 @@ def layer_row(payload: bytes, dice: Dice) -> bytes:
     for _ in range(dice.choice((1, 1, 2))):
         at = -1 - dice.randrange(min(len(numbers), 10))
         numbers[at] = numbers[at][0], dice.choice((0, 1, 2, 3, 5, 8, 9, 15, 20, 21))
-    return _written(numbers)
+    return _write(numbers)
 
 
 @_on_payload(BlockKind.TILE)
@@ -604,4 +604,4 @@ def apply(data: bytes, dice: Dice, names: Sequence[str], sealed: bool, others: S
         done.append(name)
         if not is_file(data):
             break
-    return Mutant(resealed(data) if sealed else data, tuple(done), sealed)
+    return Mutant(reseal(data) if sealed else data, tuple(done), sealed)

@@ -34,7 +34,7 @@ from reference_encoder.tuning import (
     TUNING_SEED,
 )
 from scarfmt.render.camera import Camera, warn_if_half_is_small
-from scarfmt.render.viewpoints import KINDS, Surroundings, Upright, beside, resolved, viewpoints
+from scarfmt.render.viewpoints import KINDS, Surroundings, Upright, beside, resolve_frame, viewpoints
 from scarfmt.scene.gaussians import GaussianScene
 
 GIVEN, BESIDE = "given", "beside"
@@ -69,7 +69,7 @@ class Views:
         """All views, kind after kind."""
         return [camera for cameras in self.views.values() for camera in cameras]
 
-    def thinned(self, most: int) -> Views:
+    def thin(self, most: int) -> Views:
         """All given cameras, and of each other kind some, about `most` together."""
         others = sum(len(cameras) for kind, cameras in self.views.items() if kind != GIVEN)
         every = max(1, -(-others // most))
@@ -95,7 +95,7 @@ def sample_views(scene: GaussianScene, options: EncodeOptions, count: int | None
     """
     if not options.cameras:
         warn_if_half_is_small(scene.positions)
-    up, counts = resolved(scene, options.frame), count_views(options.effort, count or len(scene))
+    up, counts = resolve_frame(scene, options.frame), count_views(options.effort, count or len(scene))
     given = given_cameras(options)
     return _draw(scene, options, up, given, False, counts, SURVEY_SEED, SURVEY_SAMPLES, KIND_SHARES)
 
@@ -159,7 +159,7 @@ def _draw(
 def _sample_pixels(cameras: Sequence[Camera], samples: int) -> list[Camera]:
     """About so many pixels of each view."""
     every = [max(1, round(math.sqrt(camera.width * camera.height / samples))) for camera in cameras]
-    return [camera.sampled(step) for camera, step in zip(cameras, every, strict=True)]
+    return [camera.sample(step) for camera, step in zip(cameras, every, strict=True)]
 
 
 def count_views(effort: int, gaussians: int) -> dict[str, int]:

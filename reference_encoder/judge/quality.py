@@ -79,7 +79,7 @@ class Quality:
     @property
     def mean_db(self) -> float:
         """Over all views, kinds by their shares; infinite where there is none."""
-        weights, values = self._weighted()
+        weights, values = self._weigh()
         return float(weights @ values) if len(values) else math.inf
 
     @property
@@ -106,7 +106,7 @@ class Quality:
     @property
     def worst_db(self) -> float:
         """PSNR of the worst of all views, dB; infinite if there is no view."""
-        return float(self._weighted()[1].min(initial=math.inf))
+        return float(self._weigh()[1].min(initial=math.inf))
 
     @property
     def error_db(self) -> float:
@@ -127,7 +127,7 @@ class Quality:
         """How much a result looks like its source, in one line for people."""
         if not len(self):
             return "not judged: no view shows anything"
-        weights, values = self._weighted()
+        weights, values = self._weigh()
         share = float(weights @ (values >= ALIKE_DB))
         places = "all places tried" if values.min() >= ALIKE_DB else f"{math.floor(100 * share + 1e-9)} % of places"
         worst = min(self.psnr_db, key=lambda kind: float(self.psnr_db[kind].min()))
@@ -137,7 +137,7 @@ class Quality:
             f" worst {_PLACES.get(worst, worst)}, {self.worst_db:.1f} dB"
         )
 
-    def missed(self, options: EncodeOptions) -> str:
+    def explain_miss(self, options: EncodeOptions) -> str:
         """How far a result is from what was asked and what to ask for instead, for people; empty where it is near."""
         option, found = ("quality", self.mean_db) if options.worst is None else ("worst", self.low_db)
         lacking = options.asked_db - found
@@ -176,14 +176,14 @@ class Quality:
 
     def _percentile_db(self, part: float) -> float:
         """What that part of all views is no better than, kinds by their shares; infinite where there is none."""
-        weights, values = self._weighted()
+        weights, values = self._weigh()
         if not len(values):
             return math.inf
         order = np.argsort(values)
         reached = np.cumsum(weights[order]) >= part - 1e-9
         return float(values[order][int(np.argmax(reached))])
 
-    def _weighted(self) -> tuple[F64, F64]:
+    def _weigh(self) -> tuple[F64, F64]:
         """(n,) weights that add up to 1, and (n,) dB, of all views."""
         kinds = list(self.psnr_db)
         values = [self.psnr_db[kind] for kind in kinds]
@@ -227,7 +227,7 @@ class Judge(Generic[S]):
                 break
         return cls(view, {kind: pairs for kind, pairs in shown.items() if pairs}, views.shares, most_db)
 
-    def thinned(self, views: int, most_db: float) -> Judge[S]:
+    def thin(self, views: int, most_db: float) -> Judge[S]:
         """At least `views` of each kind, evenly taken from more; a picture counts for at most `most_db`."""
         few = {kind: pairs[:: max(1, len(pairs) // views)] for kind, pairs in self.seen.items()}
         return replace(self, seen=few, most_db=most_db)

@@ -19,11 +19,11 @@ from reference_encoder.out_of_core.types import Histograms, Models, RangeSymbols
 from reference_encoder.out_of_core.work_dir import WorkDir, file_name
 from reference_encoder.profiles.explicit import ENCODE_REPORT, report_encoding
 from scarfmt.arrays import I64, U8
-from scarfmt.coding.writer import Histogram, QuantisedScene, fitted_tables, layer_counts, model_blocks, record_tile
+from scarfmt.coding.writer import Histogram, QuantisedScene, fit_tables, layer_counts, model_blocks, record_tile
 from scarfmt.container.directory import Table, tile_table
 from scarfmt.container.file import Block, HeaderFields, directory_row, encode_front, streams_of
 from scarfmt.container.schema import ENTRY_DTYPE, STREAM_COUNT, BlockKind, Stream
-from scarfmt.container.source import opened
+from scarfmt.container.source import use_source
 from scarfmt.entropy.emitters import SymbolCounter
 from scarfmt.entropy.keys import TableKey
 from scarfmt.entropy.symbol_tables import StaticTables, SymbolTable
@@ -50,10 +50,10 @@ def add_layer_histograms(parts: Sequence[Histogram]) -> dict[TableKey, tuple[I64
     found: dict[TableKey, list[tuple[I64, I64]]] = {}
     for key, counted in itertools.chain.from_iterable(part.items() for part in parts):
         found.setdefault(key, []).append(counted)
-    return {key: _summed(counted) for key, counted in sorted(found.items())}
+    return {key: _sum_counts(counted) for key, counted in sorted(found.items())}
 
 
-def _summed(parts: Sequence[tuple[I64, I64]]) -> tuple[I64, I64]:
+def _sum_counts(parts: Sequence[tuple[I64, I64]]) -> tuple[I64, I64]:
     if len(parts) == 1:
         return parts[0]
     alphabet, place = np.unique(np.concatenate([values for values, _ in parts]), return_inverse=True)
@@ -85,7 +85,7 @@ def build_models(
     known = StaticTables()
     tables, blocks = list[Mapping[TableKey, SymbolTable]](), list[Block]()
     for layer, histogram in enumerate(found.layers, start=1):
-        sent = fitted_tables(histogram, known)
+        sent = fit_tables(histogram, known)
         known = StaticTables({**known, **sent})
         tables.append(known)
         blocks += model_blocks(scene, layer, sent)
@@ -176,6 +176,6 @@ def _pieces(work: WorkDir, number: int, rows: Rows, layer: int) -> Iterator[byte
     begin, end = sum(sizes[:layer]), sum(sizes[: layer + 1])
     if begin == end:
         return
-    with opened(work.origin(file_name("segments", number))) as source:
+    with use_source(work.origin(file_name("segments", number))) as source:
         for offset in range(begin, end, PIECE_BYTES):
             yield source.read(offset, min(PIECE_BYTES, end - offset))

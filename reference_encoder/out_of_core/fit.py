@@ -11,7 +11,7 @@ from reference_encoder.importance.sensitivity import Sensitivity, measure_sensit
 from reference_encoder.importance.weights import Weights
 from reference_encoder.out_of_core.overview import Overview
 from reference_encoder.out_of_core.types import Range
-from reference_encoder.profiles.explicit import gaussian_channels, log_extent, view_dependent, wanted_step
+from reference_encoder.profiles.explicit import choose_step, gaussian_channels, log_extent, view_dependent
 from reference_encoder.rdo.allocation import cut_contents, quantise_channel
 from reference_encoder.rdo.classes import ClassBounds, Classes, rank_by_coverage, rank_with_colour
 from reference_encoder.rdo.latent import Latent
@@ -81,7 +81,7 @@ class Fit:
         return QuantisedScene(self.fields, self.model, tiles, contents, decoder=decoder)
 
 
-def ranked(seen: Sensitivity, lambda_: float, shift: float, sh_degree: int) -> F64:
+def rank_gaussians(seen: Sensitivity, lambda_: float, shift: float, sh_degree: int) -> F64:
     """(n,) importance that makes classes of Gaussians."""
     share = CLASS_COLOUR_SHARE if sh_degree else 0.0
     return rank_with_colour(seen.absence, seen.colour, share, lambda_ * GAUSSIAN_BITS, shift)
@@ -97,14 +97,14 @@ def apply(
     """
     attributes = visible_attributes(scene, measured.pixel)
     seen = measure_sensitivity(attributes, measured)
-    every = fit.classes.classify(ranked(seen, fit.lambda_, fit.shift, overview.bounds.sh_degree))
+    every = fit.classes.classify(rank_gaussians(seen, fit.lambda_, fit.shift, overview.bounds.sh_degree))
     left_out, invisible = every < 0, measured.largest < INVISIBLE_WEIGHT
     gone = int((left_out & invisible).sum()), int((left_out & ~invisible).sum())
     chosen = np.flatnonzero(every >= 0)
     if not len(chosen):
         return fit.scene((), ()), np.array([*gone, 0])
     attributes, seen = attributes.take(chosen), seen.take(chosen)
-    wanted = wanted_step(seen, fit.lambda_)
+    wanted = choose_step(seen, fit.lambda_)
     within, bits = (part.first, part.past), fit.fields.lattice_bits
     placement = place(attributes.positions, wanted, fit.tile_anchors, fit.root, bits, within)
     classes, model = split_classes(fit, every[chosen], attributes), fit.model

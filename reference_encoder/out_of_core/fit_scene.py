@@ -14,12 +14,12 @@ import numpy as np
 from reference_encoder.importance.attributes import Attributes, visible_attributes
 from reference_encoder.importance.sensitivity import Sensitivity, measure_sensitivity
 from reference_encoder.judge.rate_control import converge
-from reference_encoder.out_of_core.fit import Fit, LatentFit, ranked
+from reference_encoder.out_of_core.fit import Fit, LatentFit, rank_gaussians
 from reference_encoder.out_of_core.judge import combine_quality
 from reference_encoder.out_of_core.measure import concatenate_samples
 from reference_encoder.out_of_core.overview import Overview
 from reference_encoder.out_of_core.types import Sample
-from reference_encoder.profiles.explicit import gaussian_input, wanted_step
+from reference_encoder.profiles.explicit import choose_step, gaussian_input
 from reference_encoder.rdo.allocation import allocate, header_fields
 from reference_encoder.rdo.classes import find_class_bounds, measure_colour_shift
 from reference_encoder.rdo.curves import measure_curves, predict_lambda
@@ -68,13 +68,13 @@ def fit_sample(overview: Overview, sample: Prepared, quality: float) -> Fit:
     bounds, most = overview.bounds, overview.options.tile_anchors or default_tile_size(overview.bounds.count)
     lambda_ = predict_lambda(quality, bounds.count, GAUSSIAN_LAMBDA_DB)
     shift = measure_colour_shift(seen.absence, seen.colour, lambda_ * GAUSSIAN_BITS)
-    importance = ranked(seen, lambda_, shift, bounds.sh_degree)
+    importance = rank_gaussians(seen, lambda_, shift, bounds.sh_degree)
     classes = find_class_bounds(importance, lambda_, GAUSSIAN_BITS, MOST_GAUSSIAN_CLASSES)
     every = classes.classify(importance)
     kept = np.flatnonzero(every >= 0)
     seen, attributes = seen.take(kept), attributes.take(kept)
     # Tiles of the sample are as large as those of the scene will be.
-    positions, wanted, fewer = attributes.positions, wanted_step(seen, lambda_), max(1, round(most / repeat))
+    positions, wanted, fewer = attributes.positions, choose_step(seen, lambda_), max(1, round(most / repeat))
     bits = count_lattice_bits(positions, wanted, bounds.root, fewer) + LATTICE_MARGIN_BITS
     placement = place(positions, wanted, fewer, bounds.root, min(max(bits, MAX_TILE_DEPTH), MAX_LATTICE_BITS))
     problem = gaussian_input(

@@ -66,7 +66,7 @@ def render_pictures(
     """Pictures of the source to judge a range by."""
     rows, runs = choose_piece(overview, part, scene)
     scene, measured = scene.take(rows), measured.take(rows)
-    cameras, drawable = overview.views[view_set].cameras, overview.drawn(part, scene, runs)
+    cameras, drawable = overview.views[view_set].cameras, overview.make_drawable(part, scene, runs)
     views = find_meeting_views(cameras, scene)
     looked = [cameras[number] for number in views]
     own = np.ones((len(drawable.scene), 3))
@@ -91,7 +91,8 @@ def judge(overview: Overview, fit: Fit, part: Range, shown: Pictures) -> F64:
     finished = reconstruct_gaussians(whole) if whole.tiles else shown.scene.rows(slice(0, 0))
     cameras = overview.views[shown.view_set].cameras
     error, cover = np.zeros(len(cameras)), np.zeros(len(cameras))
-    drawn = map_threads(partial(render, overview.drawn(part, finished, shown.runs)), [cameras[k] for k in shown.views])
+    drawable = overview.make_drawable(part, finished, shown.runs)
+    drawn = map_threads(partial(render, drawable), [cameras[k] for k in shown.views])
     for view, picture, truth in zip(shown.views, drawn, shown.pictures, strict=True):
         error[view] = float(((np.clip(picture, 0, 1).astype(np.float64) - np.clip(truth, 0, 1)) ** 2).mean())
     cover[shown.views] = shown.cover

@@ -70,13 +70,13 @@ def estimate_shares(scene: GaussianScene, cameras: Sequence[Camera]) -> F64:
     """(V,) part of the weights of Gaussians that each of V views tells, were nothing in front of them: their mean."""
     if not cameras:
         return np.zeros(0)
-    shown = np.stack([_shown(scene, camera) for camera in cameras])
+    shown = np.stack([_measure_alone(scene, camera) for camera in cameras])
     whole = shown.sum(axis=0)
     seen = whole > 0
     return np.asarray((shown[:, seen] / whole[seen]).sum(axis=1) / max(int(seen.sum()), 1))
 
 
-def _shown(scene: GaussianScene, camera: Camera) -> F64:
+def _measure_alone(scene: GaussianScene, camera: Camera) -> F64:
     """(n,) what a view adds to the power sums of Gaussians with nothing before them, but for their opacity."""
     pose = camera.world_to_camera
     x, y, depth = (scene.positions @ pose[:3, :3].T + pose[:3, 3]).T
@@ -103,7 +103,7 @@ def measure(overview: Overview, part: Range, scene: GaussianScene) -> Weights:
     looked, effort = overview.survey, overview.options.effort
     if not looked.cameras:
         return _in_binary32(weigh_draft(scene, looked))
-    drawable, sums = overview.drawn(part, scene), WeightSums(len(scene))
+    drawable, sums = overview.make_drawable(part, scene), WeightSums(len(scene))
     few = sample_rows(scene)
     for kind, cameras in looked.views.items():
         most = RANGE_ORBITS if kind == "orbit" else RANGE_VIEWS

@@ -51,7 +51,7 @@ class Overview:
     judging: tuple[int, ...]
     views: Mapping[ViewSet, Views]
 
-    def drawn(self, part: Range, scene: GaussianScene, runs: tuple[int, int] | None = None) -> Drawable:
+    def make_drawable(self, part: Range, scene: GaussianScene, runs: tuple[int, int] | None = None) -> Drawable:
         """Gaussians of a range, then proxies of all others, ready to be drawn.
 
         Args:

@@ -24,8 +24,8 @@ from reference_encoder.out_of_core.scan import (
     bounds_of,
     count_chunk,
     counts_in,
-    crowded,
     divide,
+    find_crowded,
     first_cells,
     partition,
     scan_chunk,
@@ -190,7 +190,7 @@ class _Chain:
 
     def _ranges(self, chunks: Sequence[Chunk], bounds: Bounds, clean: bool) -> tuple[Range, ...]:
         cells = first_cells(*self._counts(chunks, (bounds, clean, DEPTH, None)), DEPTH)
-        while len(full := crowded(cells, self.job.range_size)):
+        while len(full := find_crowded(cells, self.job.range_size)):
             depth = int(cells.depth.max()) + DEEPER
             cells = divide(cells, *self._counts(chunks, (bounds, clean, depth, full)))
         return partition(cells, self.job.range_size, self.job.options.tile_anchors or default_tile_size(bounds.count))
@@ -209,22 +209,22 @@ class _Chain:
         if tasks.FIT not in self.work.names():
             tries = 0
 
-            def judged(fit: Fit) -> Sequence[F64]:
+            def judge(fit: Fit) -> Sequence[F64]:
                 nonlocal tries
                 tries += 1
                 name = file_name("fits", tries)
                 self.work.put(name, fit)
-                return self._judged(judging_ranges, name, ViewSet.TUNING, f"judge-{tries}", "judge")
+                return self._judge(judging_ranges, name, ViewSet.TUNING, f"judge-{tries}", "judge")
 
             self.report("fit", 0.0)
             overview: Overview = self.work.get(tasks.OVERVIEW)
             samples = [self.work.get(file_name("samples", number)) for number in range(len(overview.edges) - 1)]
-            fit = fit_scene(overview, samples, judged)
+            fit = fit_scene(overview, samples, judge)
             self.work.put(tasks.FIT, fit)
         found: Fit = self.work.get(tasks.FIT)
         return found
 
-    def _judged(self, judging_ranges: Sequence[int], fit: str, view_set: ViewSet, name: str, step: str) -> list[F64]:
+    def _judge(self, judging_ranges: Sequence[int], fit: str, view_set: ViewSet, name: str, step: str) -> list[F64]:
         calls = [(self.work, number, fit, view_set) for number in judging_ranges]
         return self._each(step, tasks.judge_range, calls, name)
 
@@ -232,5 +232,5 @@ class _Chain:
         """Quality of pictures from views that nothing was decided by."""
         calls = [(self.work, number, ViewSet.HELD_OUT) for number in judging_ranges]
         self._each("quality", tasks.render_range, calls, "pictures-report")
-        judged = self._judged(judging_ranges, tasks.FIT, ViewSet.HELD_OUT, "judge-report", "quality")
+        judged = self._judge(judging_ranges, tasks.FIT, ViewSet.HELD_OUT, "judge-report", "quality")
         return combine_quality(self.work.get(tasks.OVERVIEW), judged, ViewSet.HELD_OUT)

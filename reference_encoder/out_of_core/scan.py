@@ -73,7 +73,7 @@ def scan_chunk(chunk: Chunk) -> Scanned:
     Raises:
         InvalidInput, Unsupported, LimitExceeded: as the reader of its format says.
     """
-    return _joined([_scan_part(part) for part in chunk.parts])
+    return _join([_scan_part(part) for part in chunk.parts])
 
 
 def _scan_part(part: Part) -> Scanned:
@@ -92,7 +92,7 @@ def _three(values: Iterable[float]) -> tuple[float, float, float]:
     return x, y, z
 
 
-def _joined(scans: Sequence[Scanned]) -> Scanned:
+def _join(scans: Sequence[Scanned]) -> Scanned:
     return Scanned(
         sum(scan.count for scan in scans),
         sum(scan.unusable for scan in scans),
@@ -123,7 +123,7 @@ def bounds_of(scans: Sequence[Scanned], drop_invalid: bool, sh_degree: int | Non
     """
     if not any(scan.count for scan in scans):
         raise InvalidInput("input-empty", "the scene holds no Gaussians; there is nothing to encode")
-    whole = _joined(scans)
+    whole = _join(scans)
     if whole.unusable and not drop_invalid:
         Faults.refusal(whole.unusable, whole.count, whole.first, whole.absurd, whole.visible)
     if whole.unusable == whole.count:
@@ -197,7 +197,7 @@ def first_cells(codes: U64, counts: I64, depth: int) -> Cells:
     return Cells(codes << shift, np.full(len(codes), depth, np.int64), counts)
 
 
-def crowded(cells: Cells, most: int) -> U64:
+def find_crowded(cells: Cells, most: int) -> U64:
     """Codes at their depth, ascending, of the deepest cells that hold more than `most` and can be divided."""
     deepest = int(cells.depth.max())
     if deepest + DEEPER > MAX_TILE_DEPTH:

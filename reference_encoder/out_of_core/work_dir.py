@@ -21,7 +21,7 @@ import numpy as np
 
 from reference_encoder import kept_values
 from scarfmt.atomic import FULL
-from scarfmt.container.source import opened
+from scarfmt.container.source import use_source
 from scarfmt.errors import InvalidInput, missing_package
 
 PLAN, LOCK = "plan.json", "in-use.json"
@@ -169,7 +169,7 @@ class WorkDir:
         Raises:
             InvalidInput: ``input-source``: there is none.
         """
-        with opened(self.origin(name)) as source:
+        with use_source(self.origin(name)) as source:
             return source.read(0, source.size)
 
     def read_ranges(self, name: str, ranges: list[tuple[int, int]]) -> list[bytes]:
@@ -178,7 +178,7 @@ class WorkDir:
         Raises:
             InvalidInput: ``input-source``: there is none.
         """
-        with opened(self.origin(name)) as source:
+        with use_source(self.origin(name)) as source:
             return [source.read(offset, length) for offset, length in ranges]
 
     def origin(self, name: str) -> str:

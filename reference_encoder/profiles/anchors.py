@@ -39,7 +39,7 @@ from scarfmt.coding.writer import QuantisedScene, Report, silent
 from scarfmt.container import schema
 from scarfmt.container.schema import Stream
 from scarfmt.errors import InvalidInput
-from scarfmt.render.viewpoints import resolved
+from scarfmt.render.viewpoints import resolve_frame
 from scarfmt.scene.gaussians import AnchorModel, Mlp
 from scarfmt.scene.model import Channel, LayerRow, SceneModel
 
@@ -74,7 +74,7 @@ class AnchorProfile:
         if set(model.mlps) != set(NETWORKS):
             raise InvalidInput("input-anchors", f"networks {sorted(model.mlps)}: need opacity, cov and color")
         # As for a scene with a Gaussian on every anchor, but fewer.
-        views = sample_views(place_anchors(model), options).thinned(ANCHOR_VIEWS)
+        views = sample_views(place_anchors(model), options).thin(ANCHOR_VIEWS)
         options = replace(options, frame=views.up.up)
         seen = measure_anchors(model, views, options.seed, lambda part: report("visibility", part))
         return cls(model, seen, options, report)
@@ -82,7 +82,7 @@ class AnchorProfile:
     def judge(self, view_set: ViewSet) -> Judge[AnchorModel]:
         """Pictures of the source from views of a set, drawn now."""
         shell, drawn = place_anchors(self.model), len(self.model) * self.model.slots
-        views = judging_views(shell, self.options, resolved(shell, self.options.frame), view_set, drawn)
+        views = judging_views(shell, self.options, resolve_frame(shell, self.options.frame), view_set, drawn)
         return Judge.of(self.model, draw_anchors, views, cap_db(self.options.asked_db))
 
     def prepare(self, quality: float) -> RdoInput:
@@ -236,4 +236,4 @@ def _take(model: AnchorModel, index: I64) -> AnchorModel:
 
 def _quantise_mlp(mlp: Mlp) -> QuantisedMlp:
     layers = zip(mlp.weights, mlp.biases, strict=True)
-    return QuantisedMlp(tuple(Linear.quantised(weights, biases, bits=MLP_BITS) for weights, biases in layers))
+    return QuantisedMlp(tuple(Linear.quantise(weights, biases, bits=MLP_BITS) for weights, biases in layers))

@@ -94,7 +94,7 @@ class ExplicitProfile:
         every, count = classify(ranked, lambda_, GAUSSIAN_BITS, MOST_GAUSSIAN_CLASSES)
         kept = np.flatnonzero(every >= 0)
         seen, attributes = self.sensitivity.take(kept), self.attributes.take(kept)
-        placement = place(attributes.positions, wanted_step(seen, lambda_), self.options.tile_anchors)
+        placement = place(attributes.positions, choose_step(seen, lambda_), self.options.tile_anchors)
         return gaussian_input(
             attributes, seen, every[kept], count, placement, lambda_, len(self.scene), 1.0, self.scene.description
         )
@@ -161,7 +161,7 @@ def gaussian_input(
     )
 
 
-def wanted_step(seen: Sensitivity, lambda_: float) -> F64:
+def choose_step(seen: Sensitivity, lambda_: float) -> F64:
     """(N,) quantiser step of positions that pays, world units."""
     return best_width(seen.channels[Stream.POSITION_RESIDUAL][:, 0], lambda_)
 

@@ -67,7 +67,7 @@ def fit_latent(vectors: F32, weight: F64, tolerance: float, metric: F64 | None =
         z[rows] = x @ projection
     unit = max(float(np.percentile(np.abs(z), 99.9, overwrite_input=True)) / LATENT_RANGE, 1e-12)
     z /= unit
-    decoder = QuantisedMlp((Linear.quantised(inverse @ basis * unit, centre, bits=DECODER_BITS),))
+    decoder = QuantisedMlp((Linear.quantise(inverse @ basis * unit, centre, bits=DECODER_BITS),))
     return Latent(z, weight * unit * unit, decoder, projection / unit)
 
 

@@ -158,11 +158,11 @@ class SceneNetworks(nn.Module):
 
 def _linear(layer: nn.Module, inputs: Tensor, bits: int | None) -> Tensor:
     assert isinstance(layer, nn.Linear)
-    weight = layer.weight if bits is None else _stored(layer.weight, bits)
+    weight = layer.weight if bits is None else _round_weights(layer.weight, bits)
     return linear(inputs, weight, layer.bias)
 
 
-def _stored(weight: Tensor, bits: int) -> Tensor:
+def _round_weights(weight: Tensor, bits: int) -> Tensor:
     """(out, in) weights as a file has them, each row on a scale of its own (SPEC §7.9); backward the identity."""
     top = (1 << (bits - 1)) - 1
     scale = weight.detach().abs().amax(dim=1, keepdim=True).clamp_min(1e-30) / top

@@ -70,7 +70,7 @@ class Budget:
         self._started = self._checked = time.monotonic()
 
     @contextmanager
-    def measured(self, what: str, count: int = 1) -> Iterator[None]:
+    def note(self, what: str, count: int = 1) -> Iterator[None]:
         """Note how long each of `count` things takes."""
         before = time.monotonic()
         yield
@@ -82,15 +82,15 @@ class Budget:
         if self.iterations is not None:
             return iteration / self.iterations
         if iteration:  # one at least, whatever the capture took
-            self._done = max(self._done, self.trained / max(self.seconds - self.reading - self.kept(), 1e-9))
+            self._done = max(self._done, self.trained / max(self.seconds - self.reading - self.estimate_end(), 1e-9))
         return self._done
 
-    def planned(self, iteration: int) -> int:
+    def plan(self, iteration: int) -> int:
         """How many iterations it will be."""
         done = self.done(iteration)
         return self.iterations or max(iteration, round(iteration / done) if done > 0 else 0)
 
-    def kept(self) -> float:
+    def estimate_end(self) -> float:
         """Seconds that are kept for the end."""
         if "coding" not in self.costs:
             return _UNKNOWN * self.seconds
@@ -117,7 +117,7 @@ class Budget:
     @contextmanager
     def checking(self) -> Iterator[None]:
         """A look at held-out photos."""
-        with self.measured("check"):
+        with self.note("check"):
             yield
         self._checked = time.monotonic()
 

@@ -166,10 +166,10 @@ def load_capture(
     path, place = Path(path), None if workspace is None else Path(workspace)
     path = pick_frames(path, place, report) if is_video(path) else path
     report("read the photos", 0.0)
-    read = _posed if bare_photos(path) else _listed
+    read = _find_posed if bare_photos(path) else _load_list
     photos, points = read(path, place, report)
     photos = _split(path, sorted(photos, key=lambda photo: photo.camera.name), hold_out)
-    sized = tuple(_sized(photo, resolution) for photo in photos)
+    sized = tuple(_resize(photo, resolution) for photo in photos)
     if points is None or not len(points):
         message = f"{path}: has no points to start from: some are drawn at random where the cameras look"
         warnings.warn(message, InputWarning, stacklevel=2)
@@ -201,7 +201,7 @@ def _check_number(path: str | PathLike[str], count: int) -> None:
         raise wrong_capture(path, f"{count} photo; at least {FEWEST_PHOTOS} are needed, and tens to hundreds are usual")
 
 
-def _listed(path: Path, workspace: Path | None, report: Report) -> tuple[list[Photo], F64 | None]:
+def _load_list(path: Path, workspace: Path | None, report: Report) -> tuple[list[Photo], F64 | None]:
     """The photos of a list of cameras, and its points."""
     distorted = load_distorted(path)
     cameras = [] if distorted else load_cameras(path)
@@ -217,7 +217,7 @@ def _listed(path: Path, workspace: Path | None, report: Report) -> tuple[list[Ph
     return [Photo(camera, file) for camera, file in made], points
 
 
-def _posed(path: Path, workspace: Path | None, report: Report) -> tuple[list[Photo], F64]:
+def _find_posed(path: Path, workspace: Path | None, report: Report) -> tuple[list[Photo], F64]:
     """The photos of a folder without a list, as far as their poses are found."""
     files = bare_photos(path)
     warn_of_unread(path)
@@ -259,8 +259,8 @@ def _split(path: str | PathLike[str], photos: Sequence[Photo], hold_out: int) ->
     return marked
 
 
-def _sized(photo: Photo, resolution: int | None) -> Photo:
+def _resize(photo: Photo, resolution: int | None) -> Photo:
     longest = max(photo.camera.width, photo.camera.height)
     if resolution is None or longest <= resolution:
         return photo
-    return replace(photo, camera=photo.camera.scaled(resolution / longest))
+    return replace(photo, camera=photo.camera.scale(resolution / longest))

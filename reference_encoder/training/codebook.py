@@ -64,7 +64,7 @@ class Codebook(nn.Module):
         """
         if fresh:
             self.words.zero_()
-            drawn = _drawn(weight.sqrt() * x.norm(dim=1), len(self) - 1, generator)
+            drawn = _draw(weight.sqrt() * x.norm(dim=1), len(self) - 1, generator)
             self.words[1 : 1 + len(drawn)] = x[drawn]
         for number in range(KMEANS_ROUNDS):
             codes = self.nearest(x)
@@ -74,7 +74,7 @@ class Codebook(nn.Module):
             self.words[0] = 0
             unused = torch.nonzero(torch.bincount(codes, minlength=len(self))[1:] == 0)[:, 0] + 1
             if len(unused) and number < KMEANS_ROUNDS - 2:
-                worst = _drawn(weight * (x - self.words[codes]).square().sum(1), len(unused), generator)
+                worst = _draw(weight * (x - self.words[codes]).square().sum(1), len(unused), generator)
                 self.words[unused[: len(worst)]] = x[worst]
         self.mass.fill_(1.0)
 
@@ -108,7 +108,7 @@ class Codebook(nn.Module):
         return mass, torch.zeros_like(self.words).index_add_(0, codes, x)
 
 
-def _drawn(chances: torch.Tensor, count: int, generator: torch.Generator) -> torch.Tensor:
+def _draw(chances: torch.Tensor, count: int, generator: torch.Generator) -> torch.Tensor:
     """At most `count` different numbers, drawn in proportion to (m,) `chances`; none that has no chance."""
     possible = min(count, int((chances > 0).sum()))
     if not possible:

@@ -55,13 +55,13 @@ def _widen(values: Tensor, log_widths: Tensor, steps: int) -> int:
     widened = 0
     for component, column in enumerate(values.T):
         before = float(log_widths[component])
-        while _different(column, log_widths[component], steps) > MAX_ALPHABET:
+        while _count_different(column, log_widths[component], steps) > MAX_ALPHABET:
             log_widths[component] += _WIDER
         widened += float(log_widths[component]) > before
     return widened
 
 
-def _different(column: Tensor, log_width: Tensor, steps: int) -> int:
+def _count_different(column: Tensor, log_width: Tensor, steps: int) -> int:
     """How many different integers the first step has."""
     finest = torch.round(column / torch.exp(log_width))[:, None]
     return len(torch.unique(coarse(finest, torch.full_like(column, steps, dtype=torch.long))))
@@ -116,7 +116,7 @@ def quantise_scene(state: State, metadata: Mapping[str, Any], source_count: int)
     finals = [values[:, :6]] if state.vectors else [values[:, :6], values[:, 6:]]
     finals.append((offsets * (layers > 0)[:, :, None]).astype(np.int32))
     model = SceneModel(Profile.ANCHOR, SLOTS, _channels(state), rows)
-    exported = _exported(state, visible, classes, model)
+    exported = _export(state, visible, classes, model)
 
     def content(here: I64) -> TileContent:
         made = TileContent.empty(model, len(here))
@@ -141,7 +141,7 @@ def quantise_scene(state: State, metadata: Mapping[str, Any], source_count: int)
     )
 
 
-def _exported(state: State, visible: Tensor, classes: I64, model: SceneModel) -> ExportedLatents | None:
+def _export(state: State, visible: Tensor, classes: I64, model: SceneModel) -> ExportedLatents | None:
     """Codewords and indices, None where latents are sent number by number."""
     if state.vectors is None:
         return None
@@ -189,4 +189,4 @@ def _channels(state: State) -> tuple[Channel, ...]:
 
 def _linear(layer: nn.Module) -> Linear:
     assert isinstance(layer, nn.Linear)
-    return Linear.quantised(layer.weight.cpu().numpy(), layer.bias.cpu().numpy(), bits=WEIGHT_BITS)
+    return Linear.quantise(layer.weight.cpu().numpy(), layer.bias.cpu().numpy(), bits=WEIGHT_BITS)

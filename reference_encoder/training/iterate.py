@@ -60,7 +60,7 @@ def iterate(
         drawn = torch.randperm(len(showing), generator=state.noise, device=state.device)
         part = showing.index_select(0, drawn[: -(-len(showing) // _RATE_PART)])
         index_bits = 0.0 if state.vectors is None else state.vectors.index_bits(layer)
-        part_bits = layer_bits(state.context, state.priced(part, layer, now.rounded), index_bits)
+        part_bits = layer_bits(state.context, state.price(part, layer, now.rounded), index_bits)
         whole = part_bits * (len(showing) / max(len(part), 1))
         total = total + price * whole
         bits = float(whole.detach())

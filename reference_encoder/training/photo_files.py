@@ -20,7 +20,7 @@ from scarfmt.render.camera import Camera
 from scarfmt.render.capture import listings
 from scarfmt.render.capture.record import Distorted
 from scarfmt.render.capture.transforms import picture_file
-from scarfmt.render.images import opened_image, read_pixels
+from scarfmt.render.images import open_image, read_pixels
 
 
 def filter_areas(picture: U8, width: int, height: int) -> U8:
@@ -141,7 +141,7 @@ def upright_photos(files: Sequence[Path], folder: Path) -> list[Path]:
     folder.mkdir()
 
     def upright(number: int, file: Path) -> Path:
-        with opened_image(file) as image:
+        with open_image(file) as image:
             if image.format in _PLAIN and image.getexif().get(ExifTags.Base.Orientation, 1) == 1:
                 return file
             made = folder / f"{number}.png"
@@ -160,7 +160,7 @@ def size_of(file: Path) -> tuple[int, int]:
         InvalidInput: ``input-image``.
         OSError: it cannot be read.
     """
-    with opened_image(file) as image:
+    with open_image(file) as image:
         return image.size
 
 

@@ -47,11 +47,11 @@ def half_size(views: Sequence[View]) -> list[View]:
     """Photos at half their size; none where that would leave too little to see."""
     if max((max(view.camera.width, view.camera.height) for view in views), default=0) < 2 * _LEAST_HALF:
         return []
-    return [_halved(view) for view in views]
+    return [_halve(view) for view in views]
 
 
-def _halved(view: View) -> View:
-    camera = view.camera.scaled(0.5)
+def _halve(view: View) -> View:
+    camera = view.camera.scale(0.5)
 
     def read() -> Tensor:
         whole = Image.fromarray(view.read().numpy())
@@ -75,13 +75,13 @@ def store_photos(photos: Sequence[Photo], folder: Path | None) -> list[View]:
         folder.mkdir(parents=True, exist_ok=True)
     stream = TemporaryFile(dir=folder)  # noqa: SIM115 - it lives as long as the views
     views: list[View] = []
-    for photo, picture in zip(photos, _decoded(photos), strict=True):
+    for photo, picture in zip(photos, _decode(photos), strict=True):
         views.append(View(photo.camera, _reader(stream, stream.tell(), picture.shape), len(views)))
         stream.write(picture.tobytes())
     return views
 
 
-def _decoded(photos: Sequence[Photo]) -> Iterator[U8]:
+def _decode(photos: Sequence[Photo]) -> Iterator[U8]:
     """The pixels of each photo; only as many at once as there are threads."""
     threads = count_threads()
     with ThreadPoolExecutor(threads) as pool:

@@ -68,7 +68,7 @@ def undistort_photos(
     place = workplace(path, "its lenses distort; to undistort the photos", workspace)
 
     def make(folder: Path) -> None:
-        names = _staged(folder, files, [""] * len(files))
+        names = _stage(folder, files, [""] * len(files))
         _write_model(folder / MODEL, views, names)
         _run("undistort", folder, path, report)
         _tidy(folder)
@@ -92,7 +92,7 @@ def pose_photos(path: Path, files: Sequence[Path], workspace: Path | None, repor
         sizes = [size_of(file) for file in upright]
         kinds = sorted(set(sizes))
         # A lens of its own for every size, which is a folder to COLMAP.
-        names = _staged(folder, upright, [f"{kinds.index(size)}/" for size in sizes])
+        names = _stage(folder, upright, [f"{kinds.index(size)}/" for size in sizes])
         (folder / PAIRS).write_text(_pairs_alike(upright, names))
         _run("poses", folder, path, report)
         cameras = load_cameras(folder)
@@ -181,7 +181,7 @@ def describe_files(files: Sequence[Path], more: str) -> str:
     return hashlib.sha256(f"{_MAKING} {stated} {more}".encode()).hexdigest()
 
 
-def _staged(folder: Path, files: Sequence[Path], prefixes: Sequence[str]) -> list[str]:
+def _stage(folder: Path, files: Sequence[Path], prefixes: Sequence[str]) -> list[str]:
     """Put the photos into `folder`'s input under names that are only numbers, and return these: no name leads away."""
     names = []
     for number, (file, prefix) in enumerate(zip(files, prefixes, strict=True)):

@@ -92,14 +92,14 @@ class Moment:
 
 def moment(curriculum: Curriculum, done: float) -> Moment:
     """The parts of training that are on when the fraction `done`, 0..1, of a run has passed."""
-    masks = _risen((curriculum.rate[0], curriculum.masks_until), done)
-    beta, hard = _risen(curriculum.injection, done), done >= curriculum.hard_from
+    masks = _rise((curriculum.rate[0], curriculum.masks_until), done)
+    beta, hard = _rise(curriculum.injection, done), done >= curriculum.hard_from
     return Moment(
         gathers=_within(curriculum.statistics, done),
         grows=_within(curriculum.growth, done) and not _within(curriculum.pause, done),
         noisy=_within(curriculum.noise, done),
         rounded=done >= curriculum.noise[1],
-        rate=_risen(curriculum.rate, done),
+        rate=_rise(curriculum.rate, done),
         masks=masks,
         exposes=done >= curriculum.exposures_from,
         draws_layer=done >= curriculum.layers_from,
@@ -117,7 +117,7 @@ def _within(span: Span, done: float) -> bool:
     return span[0] <= done < span[1]
 
 
-def _risen(span: Span, done: float) -> float:
+def _rise(span: Span, done: float) -> float:
     """0 before a span, 1 after it, linear inside; a span without length is a step."""
     first, last = span
     if done >= last:

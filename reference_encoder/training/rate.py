@@ -127,7 +127,7 @@ class Context(nn.Module):
         self.spread_bias.fill_(math.log(math.sqrt(3) / math.pi))
         self.offset_spread.copy_((offsets.std(dim=0).clamp_min(_LEAST_WIDTH) * math.sqrt(3) / math.pi).log())
 
-    def shown(self, values: Tensor) -> Tensor:
+    def normalise(self, values: Tensor) -> Tensor:
         """(n, 6 + d) values in the units in which neighbours are looked at."""
         return (values - self.centre) / self.scale
 
@@ -136,9 +136,9 @@ class Context(nn.Module):
 
         Args:
             values: (n, 6 + d).
-            around: (n, columns) :func:`neighbour_means` of values :meth:`shown`; None: not known.
+            around: (n, columns) :func:`neighbour_means` of values that :meth:`normalise` gives; None: not known.
         """
-        x, w = self.shown(values), widths / self.scale
+        x, w = self.normalise(values), widths / self.scale
         known = x.detach()
         mean = linear(known, self.mean * self.earlier, self.mean_bias)
         spread = linear(known.abs(), self.spread * self.earlier, self.spread_bias)

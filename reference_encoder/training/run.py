@@ -190,7 +190,7 @@ class Run:
         left = budget.seconds - budget.spent if budget.iterations is None else budget.spent * (1 - done) / done
         return Progress(
             iteration=trainer.iteration,
-            iterations=budget.planned(trainer.iteration),
+            iterations=budget.plan(trainer.iteration),
             seconds=budget.spent,
             seconds_left=max(left, 0.0),
             phase=trainer.phase(done),
@@ -214,13 +214,13 @@ class Run:
             self.best = max(self.best, self.psnr)
             figures: dict[str, Any] = {"prices": str(trainer.rate_controller.price)}
             if trainer.noisy:
-                with self.budget.measured("coding"):
-                    sizes = layer_sizes(write_scene(trainer.written()))
+                with self.budget.note("coding"):
+                    sizes = layer_sizes(write_scene(trainer.quantise()))
                 self.bytes = sizes[-1]
                 figures |= {"estimated": str(trainer.rate_controller.estimate), "written": str(sizes)}
                 if len(sizes) == len(trainer.rate_controller.price):
                     trainer.rate_controller.record_sizes(sizes)
-            if self.displacement is None and self._settled():
+            if self.displacement is None and self._has_settled():
                 self.displacement = self._displacement()
                 warn_of_displacement(self.displacement)
             figures |= {"displacement": self.displacement, "exposure_spread": spread(trainer.state.exposures)}
@@ -237,7 +237,7 @@ class Run:
         if trainer.joint is not None:
             budget.indexed, budget.costs["index"] = True, trainer.joint.seconds
 
-    def _settled(self) -> bool:
+    def _has_settled(self) -> bool:
         """Whether pictures lie where they will, and are sharp enough to tell."""
         iteration = self.trainer.iteration
         return self.budget.done(iteration) >= _SETTLED and iteration >= _LEAST_SEEN * len(self.trainer.views)
@@ -260,7 +260,7 @@ class Run:
         found = [self._quality(looked, layer) for layer in range(count)]
         displaced, missing = self._displacement(), self._missing(found[-1][0])
         held_out = tuple(view.camera.name for view in self.held_out)
-        scene = trainer.written({"held_out": list(held_out), "converged": not missing})
+        scene = trainer.quantise({"held_out": list(held_out), "converged": not missing})
         opening = middle_camera([view.camera for view in trainer.views])
         scene = replace(scene, streaming=build_streaming_block(scene, reconstruct_anchors(scene), opening))
         data = smallest_file(scene, trainer.joint, keep, lambda: not budget.may_train_predictors())
@@ -271,7 +271,7 @@ class Run:
 
     def _quality(self, looked: Sequence[View], layer: int | None) -> tuple[float, float]:
         trainer = self.trainer
-        with self.budget.measured("picture", len(looked)):
+        with self.budget.note("picture", len(looked)):
             return quality(trainer.state, looked, layer, trainer.background)
 
     def _missing(self, psnr: float) -> str:

@@ -133,7 +133,7 @@ def save_checkpoint(folder: Path, iteration: int, state: State, whose: str) -> N
         InvalidInput: ``output-path``.
     """
     folder.mkdir(parents=True, exist_ok=True)
-    content = {"whose": whose, "iteration": iteration, "state": _converted(state, _as_array)}
+    content = {"whose": whose, "iteration": iteration, "state": _convert(state, _as_array)}
     with atomic_write(folder / f"checkpoint-{iteration:08}.pt", force=True) as stream:
         stream.writelines(kept_values.pack(content))
     _keep(folder, KEPT)
@@ -166,18 +166,18 @@ def load_checkpoint(folder: Path, whose: str) -> tuple[int, State] | None:
             continue
         if content["whose"] != whose:
             message = "holds an unfinished training of another capture, with other options or by another version"
-            raise _refused(folder, f"{message}; use its options and version, give another folder, or delete it")
-        return content["iteration"], _converted(content["state"], _as_tensor)
+            raise _refusal(folder, f"{message}; use its options and version, give another folder, or delete it")
+        return content["iteration"], _convert(content["state"], _as_tensor)
     if existing:
-        raise _refused(folder, "no checkpoint can be read; delete the folder to start again")
+        raise _refusal(folder, "no checkpoint can be read; delete the folder to start again")
     return None
 
 
-def _converted(part: Any, convert: Callable[[Any], Any]) -> Any:
+def _convert(part: Any, convert: Callable[[Any], Any]) -> Any:
     """The value with what is in dicts and lists of any depth converted."""
     if isinstance(part, dict):
-        return {name: _converted(inner, convert) for name, inner in part.items()}
-    return [_converted(inner, convert) for inner in part] if isinstance(part, list) else convert(part)
+        return {name: _convert(inner, convert) for name, inner in part.items()}
+    return [_convert(inner, convert) for inner in part] if isinstance(part, list) else convert(part)
 
 
 def _as_array(part: Any) -> Any:
@@ -226,5 +226,5 @@ def _content(path: Path) -> State | None:
     return None
 
 
-def _refused(folder: Path, message: str) -> InvalidInput:
+def _refusal(folder: Path, message: str) -> InvalidInput:
     return InvalidInput("input-checkpoint", f"{folder}: {message}")

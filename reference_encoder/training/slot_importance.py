@@ -45,7 +45,7 @@ class SlotImportance:
     slot_bits: Tensor
     anchor_bits: tuple[Tensor, ...]
 
-    def shown(self, layer: int, price: float) -> Tensor:
+    def choose_slots(self, layer: int, price: float) -> Tensor:
         """(N, K) bool, slots that pay in a layer at a price, loss a bit: each its own bits, together the anchor's."""
         gain = self.benefit - price * self.slot_bits
         pays = gain > 0
@@ -63,7 +63,7 @@ class SlotImportance:
         scale = float(mean(self.benefit)) / float(mean(self.slot_bits)) + 1e-30
         for _ in range(_BISECTIONS):
             middle = (low + high) / 2
-            taken = self.bits(layer, self.shown(layer, math.exp(middle) * scale) & allowed)
+            taken = self.bits(layer, self.choose_slots(layer, math.exp(middle) * scale) & allowed)
             low, high = (middle, high) if taken > bits else (low, middle)
         return math.exp((low + high) / 2) * scale
 
@@ -107,7 +107,7 @@ def _bits(state: State) -> tuple[Tensor, tuple[Tensor, ...]]:
     rows = torch.arange(len(state.anchors), device=state.device)
     by_layer, slots = [], torch.zeros(0, device=state.device)
     for layer in range(state.plan.count):
-        priced = state.priced(rows, layer, True)
+        priced = state.price(rows, layer, True)
         slots = MASK_BITS + state.context.offset_bits(priced.offsets, priced.offset_widths).sum(dim=2)
         index_bits = 0.0 if state.vectors is None else state.vectors.index_bits(layer)
         values = state.context.bits(priced.values, priced.widths, priced.around).sum(dim=1)
@@ -124,5 +124,5 @@ def first_layers(importance: SlotImportance, prices: Sequence[float], allowed: T
     """
     first = torch.full(importance.benefit.shape, len(prices), device=allowed.device)
     for layer in reversed(range(len(prices))):
-        first[importance.shown(layer, prices[layer]) & allowed] = layer
+        first[importance.choose_slots(layer, prices[layer]) & allowed] = layer
     return first

@@ -136,7 +136,7 @@ class State:
     def update_neighbours(self) -> None:
         """Look at what neighbours have now."""
         everyone = torch.arange(len(self.anchors), device=self.device)
-        self.around = neighbour_means(self.anchors.lattice, self.context.shown(self._values(everyone)))
+        self.around = neighbour_means(self.anchors.lattice, self.context.normalise(self._values(everyone)))
 
     def showing(self, layer: int) -> Tensor:
         """(n,) int64 rising: anchors of which a layer, 0-based, shows a slot."""
@@ -200,14 +200,14 @@ class State:
             # No generator takes the state of another device's.
             self.noise = noise_generator(self.generator, self.device)
 
-    def shown(self, rows: Tensor, layer: int) -> Tensor:
+    def find_shown(self, rows: Tensor, layer: int) -> Tensor:
         """(n, K) bool, slots of anchors `rows` that a layer shows."""
         return self.anchors.first.index_select(0, rows) <= layer
 
     def exact(self, rows: Tensor) -> AnchorValues:
         """Values as they are, every slot on that the last layer opens."""
         a = self.anchors
-        shown = self.shown(rows, self.plan.count - 1)
+        shown = self.find_shown(rows, self.plan.count - 1)
         lattice, latent, scaling, offsets = (
             part.index_select(0, rows) for part in (a.lattice, a.latent, a.scaling, a.offsets)
         )
@@ -222,7 +222,7 @@ class State:
             now: what is on: noise or rounding, how much of codewords; None for what the file has.
         """
         rounded = now is None or now.rounded
-        priced = self.priced(rows, layer, rounded)
+        priced = self.price(rows, layer, rounded)
         if self.vectors is None:
             features = self.networks.features(priced.values[:, 6:], WEIGHT_BITS if rounded else None)
         elif self.vectors.begun:
@@ -232,7 +232,7 @@ class State:
         positions = self.frame.world(self.anchors.lattice.index_select(0, rows))
         return AnchorValues(positions, features, priced.values[:, :6], priced.offsets, priced.shown)
 
-    def priced(self, rows: Tensor, layer: int, rounded: bool) -> Priced:
+    def price(self, rows: Tensor, layer: int, rounded: bool) -> Priced:
         """The values on which the bits of anchors `rows` depend in a layer: rounded as in the file, or with noise of a
         cell."""
         widths, offset_widths = torch.exp(self.log_widths), torch.exp(self.log_offset_widths)
@@ -241,13 +241,13 @@ class State:
         cells = widths * (3.0**missing)[:, None]
         if rounded:
             integers, offset_integers = self._integers(values, offsets, missing)
-            values = _rounded(values, cells.detach(), integers)
-            offsets = _rounded(offsets, offset_widths.detach(), offset_integers)
+            values = _round_to_cells(values, cells.detach(), integers)
+            offsets = _round_to_cells(offsets, offset_widths.detach(), offset_integers)
         else:
             values = values + self._noise(values.shape) * cells
             offsets = offsets + self._noise(offsets.shape) * offset_widths
         around = None if self.around is None else self.around.index_select(0, rows)
-        return Priced(values, offsets, self.shown(rows, layer), cells, offset_widths, around)
+        return Priced(values, offsets, self.find_shown(rows, layer), cells, offset_widths, around)
 
     def integers(self, rows: Tensor, missing: Tensor) -> tuple[Tensor, Tensor]:
         """The whole numbers, as float32, that the file has of anchors `rows`.
@@ -288,7 +288,7 @@ def _rates(name: str, extent: float) -> Rates:
     return _RATES[name]
 
 
-def _rounded(values: Tensor, cells: Tensor, integers: Tensor) -> Tensor:
+def _round_to_cells(values: Tensor, cells: Tensor, integers: Tensor) -> Tensor:
     """The middles of cells, their widths times `integers`; backward the identity of `values`."""
     return values + (integers * cells - values).detach()
 

@@ -102,7 +102,7 @@ class Trainer:
             self.rate_controller.record_estimate(layer, bits)
         self.state.descent.step(done, lambda name: _share(name, now))
         if now.averages:
-            self.averaging.update(averaged_parameters(self.state.descent.parameters))
+            self.averaging.update(list_averaged(self.state.descent.parameters))
         if self.state.vectors is not None:
             self.state.vectors.step()
         if self.joint is not None and now.entropy:
@@ -131,7 +131,7 @@ class Trainer:
     def _begin(self, now: Moment) -> None:
         """Do what happens once, at the start of a phase."""
         if not now.averages:
-            self.averaging.apply(averaged_parameters(self.state.descent.parameters))
+            self.averaging.apply(list_averaged(self.state.descent.parameters))
         if now.noisy or now.rounded:
             self._start_values()
         if now.quantises:
@@ -142,7 +142,7 @@ class Trainer:
 
     def finish(self) -> None:
         """Make sure that there is a file to write, however early a run ends."""
-        self.averaging.apply(averaged_parameters(self.state.descent.parameters))
+        self.averaging.apply(list_averaged(self.state.descent.parameters))
         self._start_values()
         self._start_vectors()
         if not self.decided:
@@ -159,7 +159,7 @@ class Trainer:
             weight = self.state.statistics.weight.sum(dim=1)
             vectors.begin(self.state.anchors.latent.detach(), weight)
 
-    def written(self, notes: Mapping[str, Any] | None = None) -> QuantisedScene:
+    def quantise(self, notes: Mapping[str, Any] | None = None) -> QuantisedScene:
         """All integers of the file as they would be now; cells that no table could serve are wider from now on.
 
         Args:
@@ -173,7 +173,7 @@ class Trainer:
         assert self.joint is not None
         if not self.indexed or self.iteration % _REFRESH_EVERY == 0:
             self.indexed = True
-            self.joint.refresh(self.written())
+            self.joint.refresh(self.quantise())
         if self.iteration % _INDEX_EVERY == 0:
             self.index_bits = self.joint.step()
 
@@ -273,7 +273,7 @@ class Trainer:
             self.state.rearrange(rows, self.state.anchors.select(none))
 
 
-def averaged_parameters(learnt: Mapping[str, Tensor]) -> dict[str, Tensor]:
+def list_averaged(learnt: Mapping[str, Tensor]) -> dict[str, Tensor]:
     """Parameters whose mean is taken, by name: values of anchors and the networks of the scene."""
     return {name: each for name, each in learnt.items() if name in ATTRIBUTES or name.startswith("networks.")}
 

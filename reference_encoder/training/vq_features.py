@@ -101,7 +101,7 @@ def export_latents(
     dimension = frame.forward.shape[1]
     coarse, residual, ranks = rank_codewords(words, indices.cpu().numpy(), received.cpu().numpy(), dimension)
     decoder = frame.decoder(_layers(quantiser.decoder))
-    stored = QuantisedMlp(tuple(Linear.quantised(weights, biases, bits=DECODER_BITS) for weights, biases in decoder))
+    stored = QuantisedMlp(tuple(Linear.quantise(weights, biases, bits=DECODER_BITS) for weights, biases in decoder))
     return ExportedLatents(Codebooks(coarse, residual), stored, ranks, frame)
 
 

@@ -84,7 +84,7 @@ def _bad(message: str) -> Malformed:
     return Malformed("bad-codebook", f"{message} (SPEC §7.8)", field="codebooks")
 
 
-def _taken(writing: Writing) -> dict[int, I64] | None:
+def _take(writing: Writing) -> dict[int, I64] | None:
     """The books first needed in a layer."""
     books, starts = writing.parts.codebooks, first_layers(writing.parts.model)
     if books is None:
@@ -99,7 +99,7 @@ SPEC = BlockSpec(
     declaration=CODEBOOKS,
     parse=lambda payload, reading: unpack_codebooks(payload, reading.spend),
     pack=pack_codebooks,
-    taken=_taken,
+    taken=_take,
     count=len,
     elements="codebooks",
     layers=lambda model: set(first_layers(model)[:2]),

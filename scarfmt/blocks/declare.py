@@ -70,7 +70,7 @@ class Element(ABC):
         """The bytes of a value."""
         return b""
 
-    def shown(self, value: Any) -> Any:
+    def show(self, value: Any) -> Any:
         """A value in the form of reports."""
         return value
 
@@ -110,7 +110,7 @@ class Field(Element):
     def put(self, value: Any, scope: Scope) -> bytes:
         return self._put(value, scope)
 
-    def shown(self, value: Any) -> Any:
+    def show(self, value: Any) -> Any:
         return self._shown(value)
 
 
@@ -230,7 +230,7 @@ class Number(Element):
             writer.number(model, number)
         return b""
 
-    def shown(self, value: Any) -> Any:
+    def show(self, value: Any) -> Any:
         return self._shown(value)
 
     def _model(self, scope: Scope) -> tuple[str | None, Any]:
@@ -337,7 +337,7 @@ class Record(Element):
         self.fill(reader, values)
         return values
 
-    def opened(self, payload: bytes, field: str, trace: Trace | None, spend: Spend) -> Any:
+    def open(self, payload: bytes, field: str, trace: Trace | None, spend: Spend) -> Any:
         """A reader of a payload that is this record."""
         return ByteReader(payload, field, trace)
 
@@ -355,7 +355,7 @@ class Record(Element):
                 reader.trace.enter(element.name, reader.position)
             value = values[element.name] = element.take(reader, values)
             if reader.trace is not None:
-                reader.trace.leave(element.shown(value), reader.position)
+                reader.trace.leave(element.show(value), reader.position)
 
     def put(self, value: Mapping[str, Any], scope: Scope) -> bytes:
         values = Scope(scope)
@@ -373,7 +373,7 @@ class Record(Element):
 class NumberRecord(Record):
     """A payload of adaptive numbers alone (SPEC §8.5). Positions that a trace hears count numbers."""
 
-    def opened(self, payload: bytes, field: str, trace: Trace | None, spend: Spend) -> Any:
+    def open(self, payload: bytes, field: str, trace: Trace | None, spend: Spend) -> Any:
         return NumberReader(payload, field, trace, spend)
 
     def built(self, value: Mapping[str, Any], scope: Scope) -> bytes:
@@ -415,7 +415,7 @@ class Repeat(Element):
                 reader.trace.enter(index, reader.position)
             value = self.item.take(reader, around)
             if reader.trace is not None:
-                reader.trace.leave(self.item.shown(value), reader.position)
+                reader.trace.leave(self.item.show(value), reader.position)
             out.append(value)
         return out
 
@@ -466,7 +466,7 @@ def read(
             ``rans-length``, ``rans-last-word``, ``bad-number``, ``rans-seal``.
         LimitExceeded: ``count-limit``, ``limit-expansion``.
     """
-    reader = record.opened(payload, field, trace, spend)
+    reader = record.open(payload, field, trace, spend)
     around = Scope({})
     around.update(parameters)
     values = record.take(reader, around)

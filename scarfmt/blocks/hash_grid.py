@@ -53,7 +53,7 @@ _TABLE = Record(
     "length" / U32,
     "stream" / blob("length") * "one rANS stream (8.2)",
     # Here, as a damaged stream is refused before the next level is read.
-    "bits" / Derived(lambda at: _decoded(at), checks=_SOUND_STREAM),
+    "bits" / Derived(lambda at: _decode_level(at), checks=_SOUND_STREAM),
 )
 
 HASH_GRID = Record(
@@ -61,18 +61,18 @@ HASH_GRID = Record(
     "extent_bits" / U8 * "the box has sides of 2^extent_bits lattice steps",
     "level_count" / U8,
     "levels" / Repeat("level_count", _LEVEL),
-    "shapes" / Derived(lambda at: _checked_shapes(at), checks=(Check("R-10.6-1", "all of it", "bad-grid"),)),
+    "shapes" / Derived(lambda at: _check_shapes(at), checks=(Check("R-10.6-1", "all of it", "bad-grid"),)),
     "tables" / Repeat("level_count", _TABLE),
 )
 
 
-def _checked_shapes(at: Scope) -> tuple[GridLevel, ...]:
+def _check_shapes(at: Scope) -> tuple[GridLevel, ...]:
     levels = tuple(GridLevel(*level.values()) for level in at["levels"])
     check_grid(GridBox(tuple(at["origin"]), at["extent_bits"]), levels)
     return levels
 
 
-def _decoded(at: Scope) -> Bits:
+def _decode_level(at: Scope) -> Bits:
     """(entries, features) uint8 of the level whose stream has just been read."""
     level: GridLevel = at["shapes"][at["index"]]
     decoder = RansDecoder(at["stream"])
@@ -81,7 +81,7 @@ def _decoded(at: Scope) -> Bits:
     return bits.reshape(level.entries, level.features).astype(np.uint8)
 
 
-def _encoded(bits: Bits) -> dict[str, object]:
+def _encode_level(bits: Bits) -> dict[str, object]:
     ones = min(max(round(_PROBABILITY_ONE * float(bits.mean())), 1), _PROBABILITY_ONE - 1)
     encoder = RansEncoder()
     encoder.encode(bits.ravel(), _frequencies(ones))
@@ -104,7 +104,7 @@ def pack_grid(grid: HashGrid) -> bytes:
             {"plane": at.plane, "resolution": at.resolution, "table_log2": at.table_log2, "features": at.features}
             for at in grid.levels
         ],
-        "tables": [_encoded(bits) for bits in grid.bits],
+        "tables": [_encode_level(bits) for bits in grid.bits],
     }
     return build(HASH_GRID, fields)
 

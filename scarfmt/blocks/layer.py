@@ -126,7 +126,7 @@ def unpack_layer(
     return LayerRow(stages, steps, fields["entropy_mode"] == NEURAL), opening
 
 
-def _taken(writing: Writing) -> tuple[LayerRow, Opening | None]:
+def _take(writing: Writing) -> tuple[LayerRow, Opening | None]:
     model = writing.parts.model
     return model.layers[writing.layer - 1], (model.channels, model.context) if writing.layer == 1 else None
 
@@ -141,7 +141,7 @@ SPEC = BlockSpec(
     declaration=LAYER,
     parse=lambda payload, reading: unpack_layer(payload, reading.layer, reading.opening, reading.spend),
     pack=lambda value: pack_layer(*value),
-    taken=_taken,
+    taken=_take,
     count=lambda value: int(value[0].class_count),
     elements="classes in its row",
     layers=lambda model: range(1, len(model.layers) + 1),

@@ -36,12 +36,12 @@ def _member_rows(member: Element, depth: int) -> Iterator[_Row]:
         yield depth, f"if {member.condition}:", "", ""
         yield from _rows(member.record, depth + 1)
     elif isinstance(member, Rule):
-        yield depth, *_checked(member.check)
+        yield depth, *_describe_check(member.check)
     elif isinstance(member, Derived):
         if member.text:
             yield depth, f"{name} = {member.text}", "", ""
         for check in member.checks:
-            yield depth, *_checked(check)
+            yield depth, *_describe_check(check)
     elif isinstance(member, Repeat) and isinstance(member.item, Record):
         yield depth, name, f"{member.number} times:", member.docs
         yield from _rows(member.item, depth + 1)
@@ -49,5 +49,5 @@ def _member_rows(member: Element, depth: int) -> Iterator[_Row]:
         yield depth, name, member.spelled, member.docs
 
 
-def _checked(check: Check) -> tuple[str, str, str]:
+def _describe_check(check: Check) -> tuple[str, str, str]:
     return f"check {check.number}: {check.holds}", "", f"else {check.otherwise}"

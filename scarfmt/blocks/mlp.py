@@ -101,7 +101,7 @@ class Linear:
     biases: F32
 
     @classmethod
-    def quantised(cls, weights: NDArray[np.floating], biases: NDArray[np.floating], bits: int = 8) -> Linear:
+    def quantise(cls, weights: NDArray[np.floating], biases: NDArray[np.floating], bits: int = 8) -> Linear:
         """Round (out, in) `weights` to `bits` bits a value, each row on its own scale."""
         w = np.asarray(weights, np.float64)
         top = (1 << (bits - 1)) - 1

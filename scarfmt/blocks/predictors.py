@@ -65,7 +65,7 @@ _PREDICTOR = Record(
     ),
     When("units > 0", "hidden" / Use("layer", LAYER_OF_PREDICTOR, rows="units", columns="inputs")),
     "output" / Use("layer", LAYER_OF_PREDICTOR, rows=2, columns="inputs + units"),
-    "predictor" / Derived(lambda at: _checked(at), checks=(_SOUND,)),
+    "predictor" / Derived(lambda at: _make_predictor(at), checks=(_SOUND,)),
 )
 
 PREDICTORS = NumberRecord(
@@ -84,7 +84,7 @@ def _sound_head(at: Scope) -> bool:
     return bool(at["stream"] in PREDICTED_STREAMS and columns and at["units"] <= MAX_HIDDEN)
 
 
-def _checked(at: Scope) -> Predictor:
+def _make_predictor(at: Scope) -> Predictor:
     hidden = _linear(at["hidden"], at["classes"]) if at["units"] else None
     output, buckets = _linear(at["output"], at["classes"]), (at["b1"] + 1, at["b2"] + 1)
     predictor = Predictor(Stream(at["stream"]), at["component"], at["step"], hidden, output, buckets)

@@ -140,10 +140,10 @@ def read_streaming(container: Container) -> Streaming | None:
     entry = container.find(BlockKind.STREAMING, 1)
     if entry is None or not container.is_available(entry):
         return None
-    return checked_streaming(container, entry, container.read_block(entry))
+    return check_streaming(container, entry, container.read_block(entry))
 
 
-def checked_streaming(container: Container, entry: Entry, payload: bytes) -> Streaming:
+def check_streaming(container: Container, entry: Entry, payload: bytes) -> Streaming:
     """The values of the STREAMING block at `entry`, checked by its own rules and by those about the file around it.
 
     Raises:

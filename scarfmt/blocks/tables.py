@@ -62,7 +62,7 @@ class _Key(Element):
             same = int(same and own == other)
         return b""
 
-    def shown(self, value: int) -> str:
+    def show(self, value: int) -> str:
         stream, *others = _digits(value)
         return f"({stream_name(stream)}, {', '.join(map(str, others))})"
 

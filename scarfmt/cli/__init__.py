@@ -68,9 +68,9 @@ class _Commands(FailureGroup):
 def _version(context: click.Context, _option: click.Parameter, wanted: bool) -> None:
     if not wanted or context.resilient_parsing:
         return
-    from scarfmt.native.binding import described
+    from scarfmt.native.binding import describe
 
-    click.echo(f"scarfmt, version {__version__}\nengine: {described()}")
+    click.echo(f"scarfmt, version {__version__}\nengine: {describe()}")
     context.exit()
 
 

@@ -15,7 +15,7 @@ from scarfmt.cli.failures import requires_extra
 from scarfmt.cli.files import check_stdout, open_input, timeout_option
 from scarfmt.cli.progress import Tell, progress
 from scarfmt.cli.report import Report, reports
-from scarfmt.cli.views import EVERYWHERE, LISTED, ViewOptions, listed_cameras, view_options, views_of
+from scarfmt.cli.views import EVERYWHERE, LISTED, ViewOptions, list_cameras, view_options, views_of
 from scarfmt.container.header import is_scar
 from scarfmt.errors import InputWarning
 from scarfmt.tools.inspection import inspect
@@ -106,7 +106,7 @@ def compare(
         first, second = scene_origin(a), scene_origin(b)
         measure: Measure
         if photos is None:
-            measure = partial(_against, options, listed_cameras(options), ssim)
+            measure = partial(_against, options, list_cameras(options), ssim)
         else:
             measure = partial(_with_photos, photos, _held_out(photos, (second, first)), ssim)
         if all_layers:

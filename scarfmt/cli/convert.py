@@ -10,7 +10,7 @@ import click
 from scarfmt.cli.failures import requires_extra, warnings_on_stderr
 from scarfmt.cli.files import open_output
 from scarfmt.cli.inputs import FORMAT_IDS, read_scene, render_model_option
-from scarfmt.cli.outputs import SUFFIXES, output_format, output_options, spz_options, written_report
+from scarfmt.cli.outputs import SUFFIXES, output_format, output_options, report_written, spz_options
 from scarfmt.cli.report import Report, reports
 
 
@@ -63,4 +63,4 @@ def convert(
         if not isinstance(scene, GaussianScene):
             raise click.UsageError("an anchor model has no fixed Gaussians: encode it, then decode with --bake")
         written = write_parts(format_id, [scene], Described.of(scene), target, options)
-        return written_report((input_, output), written, {"format": format_id})
+        return report_written((input_, output), written, {"format": format_id})

@@ -14,7 +14,7 @@ import click
 from scarfmt.cli.camera_options import camera_of, camera_options
 from scarfmt.cli.failures import warnings_on_stderr
 from scarfmt.cli.files import open_input, open_output, timeout_option
-from scarfmt.cli.outputs import SUFFIXES, output_format, output_options, spz_options, written_report
+from scarfmt.cli.outputs import SUFFIXES, output_format, output_options, report_written, spz_options
 from scarfmt.cli.progress import progress
 from scarfmt.cli.report import Report, reports
 from scarfmt.cli.views import CAMERAS_HELP
@@ -159,7 +159,7 @@ def decode(
         counters.bytes_read, counters.reads = source.bytes_read, source.reads
         found = _stats(source, counters, time.perf_counter() - start)
         lines = [_format_stats(found)] if stats else []
-        return written_report((input_, output), written, {"format": format_id, **found}, *lines)
+        return report_written((input_, output), written, {"format": format_id, **found}, *lines)
 
 
 def _warn_outside(source: ByteSource, request: DecodeRequest) -> None:
@@ -268,12 +268,12 @@ _TOTALS = (("bytes", "bytes_read"), ("blocks", "blocks"), ("tiles", "tiles"), ("
 def _stats(source: ByteSource, counters: Counters, seconds: float) -> dict[str, Any]:
     """What a decode took, and in ``file`` the totals of the whole file, JSON-able."""
     from scarfmt.container.header import read_header
-    from scarfmt.native.binding import described
+    from scarfmt.native.binding import describe
 
     header = read_header(source, allow_truncated=True)
     return {
         "seconds": seconds,
-        "engine": described(),
+        "engine": describe(),
         "decoded": {**vars(counters), "blocks": counters.model_blocks + counters.tile_blocks},
         "file": {
             "bytes": header.file_length,

@@ -21,7 +21,7 @@ from reference_encoder.options import (
     STAGES,
     EncodeOptions,
 )
-from scarfmt.cli.failures import FAILED, described, warnings_on_stderr
+from scarfmt.cli.failures import FAILED, describe, warnings_on_stderr
 from scarfmt.cli.files import STANDARD, check_output, open_input, open_output
 from scarfmt.cli.inputs import FORMAT_IDS, read_scene, render_model_option
 from scarfmt.cli.out_of_core import OutOfCore, advise, out_of_core_options
@@ -242,7 +242,7 @@ def _encode(
         quality = done.quality
         file: dict[str, Any] = {"source_count": done.count, "file_bytes": done.file_bytes}
         if output != STANDARD:
-            file = _inspected(output)
+            file = _inspect(output)
     else:
         with open_output(output, force) as target, progress(quiet, STEPS) as tell:
             tell("read", 0.0)
@@ -252,15 +252,15 @@ def _encode(
 
             data = encode_scene(scene, options, tell)
             target.write(data)
-        quality, file = data.quality, _inspected(data)
-    verdict = "; ".join(filter(None, (quality.verdict(), quality.missed(options))))
+        quality, file = data.quality, _inspect(data)
+    verdict = "; ".join(filter(None, (quality.verdict(), quality.explain_miss(options))))
     document = {"input": name, "output": output, "seconds": time.monotonic() - start, "verdict": verdict,
                 "quality": quality.figures(), "file": file}  # fmt: skip
     lines = [_size_line(file), verdict]
     return Report(document, "\n".join([*_details(file, quality, options.asked_db), *lines] if verbose else lines))
 
 
-def _inspected(file: str | bytes) -> dict[str, Any]:
+def _inspect(file: str | bytes) -> dict[str, Any]:
     from scarfmt.tools import inspection
 
     with open_input(file) as source:
@@ -282,8 +282,8 @@ def _encode_each(
         except (ScarError, click.UsageError, MemoryError, OSError) as error:
             if isinstance(error, OSError) and error.errno == errno.EPIPE:
                 raise
-            failures.append(f"{name}: {described(error)}")
-            documents.append({"input": name, "output": None, "error": described(error)})
+            failures.append(f"{name}: {describe(error)}")
+            documents.append({"input": name, "output": None, "error": describe(error)})
             line = f"{name}: failed"
         else:
             documents.append(found.document)

@@ -140,7 +140,7 @@ class FailureGroup(click.Group):
 def _fail(error: Failure, options: Mapping[str | None, str] = MappingProxyType({})) -> NoReturn:
     if isinstance(error, click.UsageError) and error.ctx is not None and error.message == error.ctx.get_help():
         raise error  # a command without arguments: click prints its help
-    click.echo(f"scarfmt: error: {printable(described(error, options), 2 * MAX_MESSAGE)}", err=True)
+    click.echo(f"scarfmt: error: {printable(describe(error, options), 2 * MAX_MESSAGE)}", err=True)
     wrong = isinstance(error, click.UsageError) or getattr(error, "refusal", None) in ARGUMENT_REFUSALS
     raise click.exceptions.Exit(WRONG_ARGUMENTS if wrong else FAILED)
 
@@ -148,7 +148,7 @@ def _fail(error: Failure, options: Mapping[str | None, str] = MappingProxyType({
 Failure = ScarError | click.UsageError | MemoryError | OSError
 
 
-def described(error: Failure, options: Mapping[str | None, str] = MappingProxyType({})) -> str:
+def describe(error: Failure, options: Mapping[str | None, str] = MappingProxyType({})) -> str:
     """A failure as one line for people: its id, what is wrong, and what to do.
 
     Args:

@@ -43,7 +43,7 @@ def inspect(file: str, metadata: bool, models: bool, streaming: bool, thumbnail:
       scarfmt inspect scene.scar --thumbnail scene.png
       scarfmt inspect scene.scar --json | jq '.layers[].end_offset'
     """
-    from scarfmt.native.binding import absence, described
+    from scarfmt.native.binding import absence, describe
     from scarfmt.tools import inspection
 
     check_stdout()
@@ -64,7 +64,7 @@ def inspect(file: str, metadata: bool, models: bool, streaming: bool, thumbnail:
         if thumbnail is not None:
             _write_thumbnail(source, file, thumbnail, force)
     report["engine"] = {"name": "native" if absence() is None else "numpy", "no_native": absence()}
-    parts = [f"{inspection.format_text(report)}{'engine':<17} {described()}, here"]
+    parts = [f"{inspection.format_text(report)}{'engine':<17} {describe()}, here"]
     if models:
         from scarfmt.tools.models_report import format_models
 

@@ -89,7 +89,7 @@ def output_format(name: str, chosen: str | None, others: tuple[str, ...] = ()) -
     raise click.UsageError(f"the output must end in one of {endings}, or give --format; {name} does not")
 
 
-def written_report(names: tuple[str, str], written: Written, more: Mapping[str, Any], *lines: str) -> Report:
+def report_written(names: tuple[str, str], written: Written, more: Mapping[str, Any], *lines: str) -> Report:
     """The report of a command that wrote a scene; what the format could not hold is a warning each.
 
     Args:

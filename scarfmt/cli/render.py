@@ -12,7 +12,7 @@ from scarfmt.cli.failures import requires_extra, warnings_on_stderr
 from scarfmt.cli.files import timeout_option
 from scarfmt.cli.progress import Tell, progress
 from scarfmt.cli.report import Report, reports
-from scarfmt.cli.views import RING, ViewOptions, listed_cameras, view_options, views_of
+from scarfmt.cli.views import RING, ViewOptions, list_cameras, view_options, views_of
 from scarfmt.errors import plural
 
 if TYPE_CHECKING:
@@ -83,7 +83,7 @@ def render(
 
     options = ViewOptions(**views)
     with warnings_on_stderr(quiet), progress(quiet) as report:
-        listed = listed_cameras(options)
+        listed = list_cameras(options)
         origin = scene_origin(file)
         placing = None if like is None else scene_origin(like)
         pictures = _draw(origin, layers, lambda last: listed or _cameras(placing, last, options), report)

@@ -154,10 +154,10 @@ def _decode(origin: SceneOrigin, layers: int | None) -> GaussianScene | AnchorMo
 def _subject(scene: GaussianScene | AnchorModel) -> Subject:
     if isinstance(scene, GaussianScene):
         return Subject(scene, scene)
-    return Subject(_anchor_view(scene), _placed(scene.anchors))
+    return Subject(_anchor_view(scene), _make_points(scene.anchors))
 
 
-def _placed(positions: F64) -> GaussianScene:
+def _make_points(positions: F64) -> GaussianScene:
     count = len(positions)
     zeros = np.zeros((count, 4), np.float32)
     return GaussianScene(positions, zeros[:, :3], zeros, zeros[:, 0], np.zeros((count, 1, 3), np.float32))

@@ -50,7 +50,7 @@ def split(
     with ExitStack() as stack:
         source = stack.enter_context(open_input(input_))
         container = Container(source)
-        names = [output, *([rest] if rest else [])] if files is None else _numbered(output, files)
+        names = [output, *([rest] if rest else [])] if files is None else _number(output, files)
         targets = [stack.enter_context(open_output(name, force)) for name in names]
         if files is not None:
             parts = even_parts(container, files)
@@ -73,7 +73,7 @@ def _check(output: str, files: int | None, box: Box | None, rest: str | None) ->
         raise click.UsageError("--files writes several files: give OUTPUT a file name, not -")
 
 
-def _numbered(name: str, files: int) -> list[str]:
+def _number(name: str, files: int) -> list[str]:
     path = Path(name)
     return [str(path.with_name(f"{path.stem}-{number}{path.suffix}")) for number in range(1, files + 1)]
 

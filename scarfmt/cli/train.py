@@ -238,7 +238,7 @@ def _train(
         click.echo(f"continuing from iteration {before:,}", err=True)
 
     def tell(now: Progress) -> None:
-        report(_described(now), now.seconds / max(now.seconds + now.seconds_left, 1e-9))
+        report(_describe(now), now.seconds / max(now.seconds + now.seconds_left, 1e-9))
         if now.phase == FINISHING and not quiet:
             click.echo(f"scarfmt: {FINISHING}; if cut off, the same command goes on, from {run}", err=True)
 
@@ -283,7 +283,7 @@ def _end(run: Path | None, interrupted: bool, quiet: bool) -> int:
     return INTERRUPTED
 
 
-def _described(now: Progress) -> str:
+def _describe(now: Progress) -> str:
     """The progress of training in one line."""
     words = [now.phase, f"{now.iteration:,}/{now.iterations:,}"]
     if now.psnr is not None:

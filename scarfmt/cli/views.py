@@ -91,7 +91,7 @@ def view_options(default_kind: str) -> Decorator[Any]:
     )
 
 
-def listed_cameras(options: ViewOptions) -> list[Camera] | None:
+def list_cameras(options: ViewOptions) -> list[Camera] | None:
     """The cameras of --cameras; None without the option. If some are marked as held out for tests, only those.
 
     Call this before any scene is read: it is quick, and refuses bad cameras early.
@@ -110,7 +110,7 @@ def listed_cameras(options: ViewOptions) -> list[Camera] | None:
     if options.views is not None and options.views < len(cameras):
         cameras = [cameras[i * len(cameras) // options.views] for i in range(options.views)]
     if options.size is not None:
-        cameras = [camera.scaled(options.size[0] / camera.width) for camera in cameras]
+        cameras = [camera.scale(options.size[0] / camera.width) for camera in cameras]
     return cameras
 
 
@@ -134,4 +134,4 @@ def views_of(scene: GaussianScene, options: ViewOptions, default_kind: str) -> d
         return {RING: orbit_cameras(scene, count, width, height, frame)}
     around = Surroundings.of(scene, frame)
     kinds = KINDS if kind == EVERYWHERE else (kind,)
-    return {kind: [view.sized(width, height) for view in viewpoints(around, kind, count, SEED)] for kind in kinds}
+    return {kind: [view.resize(width, height) for view in viewpoints(around, kind, count, SEED)] for kind in kinds}

@@ -113,7 +113,7 @@ def get_channel(
 
     def get(part: I64, step: int, components: Sequence[int], kinds: Sequence[I64], coarse: I64) -> I64:
         symbols = _read_components(reader, channel, step, components, kinds)
-        here = _in_range(symbols if step == 1 else 3 * coarse + _checked(symbols), channel)
+        here = _in_range(symbols if step == 1 else 3 * coarse + _check_trits(symbols), channel)
         values[part[:, None], components] = here.T
         return here
 
@@ -129,7 +129,7 @@ def get_channel(
             here = _read_components(reader, channel, 1, range(channel.components), kinds)
             values[chosen] = _in_range(here, channel).T
         else:
-            values[chosen] = _refined(reader, channel, step, values[chosen]).T
+            values[chosen] = _refine(reader, channel, step, values[chosen]).T
         if predicted is not None:
             predicted.settle(step, chosen, values[chosen])
 
@@ -182,7 +182,7 @@ def _read_components(
     return reader.read_grouped(key, keys).astype(np.int64).reshape(len(components), -1)
 
 
-def _refined(reader: SymbolReader, channel: Channel, step: int, values: Ints) -> Ints:
+def _refine(reader: SymbolReader, channel: Channel, step: int, values: Ints) -> Ints:
     """(components, n) values after ternary step `step`, of (n, components) int32 values before it.
 
     No component's context depends on another's refinement: all are sorted into their contexts at once. Arrays are
@@ -192,7 +192,7 @@ def _refined(reader: SymbolReader, channel: Channel, step: int, values: Ints) ->
     keys = np.clip(coarse, -2, 2).astype(np.int16)
     keys += (2 + CONTEXTS * np.arange(len(coarse), dtype=np.int16))[:, None]
     key = StepKey(channel.stream, tuple(range(len(coarse))), step)
-    trits = _checked(reader.read_grouped(key, keys.ravel())).astype(np.int8).reshape(coarse.shape)
+    trits = _check_trits(reader.read_grouped(key, keys.ravel())).astype(np.int8).reshape(coarse.shape)
     if _reach_of(coarse) > VALUE_LIMIT // 3 - 1:
         return _in_range(3 * coarse.astype(np.int64) + trits, channel)
     coarse *= 3
@@ -210,7 +210,7 @@ def _in_range(values: I64, channel: Channel) -> I64:
     return values
 
 
-def _checked(trits: Ints) -> Ints:
+def _check_trits(trits: Ints) -> Ints:
     if _reach_of(trits) > 1:
         raise Malformed("bad-trit", "a refinement is not -1, 0 or 1 (SPEC §7.5)", field="trit")
     return trits

@@ -54,7 +54,7 @@ def embedding_inputs(
         (m,) anchors, and (m, width) float32 integers.
     """
     before, after = stages
-    settled, width = context.settled(), inputs.latents
+    settled, width = context.list_settled(), inputs.latents
     means = context.sums(settled.shape[1] + width)
     known, cohort = np.flatnonzero(before > 0), np.flatnonzero(before < after)
     means.add(context.rows(known), _seen(settled, books, indices, known, before, width))
@@ -186,7 +186,7 @@ def _code_pass(
         if len(coded):
             whole = len(coded) == len(part)
             here = (embedded, state) if whole else (embedded[coded], evaluator.take(state, coded))
-            exchange(stage, part[coded], evaluator.mixed(*here))
+            exchange(stage, part[coded], evaluator.mix(*here))
         if stage < int(after.max()):
             # Anchors without this stage are not coded later: their state no longer matters.
             state = evaluator.advance(state, stage, np.where(after >= stage, indices[part, stage - 1], 0))

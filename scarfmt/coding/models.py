@@ -35,7 +35,7 @@ NOTHING_OPENED: Opening = (), DecodedContext()
 """Before the LAYER block of layer 1."""
 
 
-def placed(entry: Entry, act: Callable[[], T]) -> T:
+def run_at(entry: Entry, act: Callable[[], T]) -> T:
     """Run `act`; an error without an offset gets that of the block it came from."""
     try:
         return act()
@@ -60,7 +60,7 @@ class ModelBlocks:
     def __len__(self) -> int:
         return len(self._blocks)
 
-    def parsed(self, kind: BlockKind, layer: int, opening: Opening = NOTHING_OPENED) -> Any:
+    def parse(self, kind: BlockKind, layer: int, opening: Opening = NOTHING_OPENED) -> Any:
         """The parsed content of a block; None if there is no such block and the file is valid without it.
 
         Raises:
@@ -74,14 +74,14 @@ class ModelBlocks:
                 )
             return None
         entry, payload = self._blocks[kind, layer]
-        return placed(entry, lambda: spec.parse(payload, Reading(layer, opening, self._spend)))
+        return run_at(entry, lambda: spec.parse(payload, Reading(layer, opening, self._spend)))
 
     def needed(self, kind: BlockKind, model: SceneModel) -> Iterator[tuple[int, Any]]:
         """(layer, what the block holds) of each layer that first needs a block of a kind, read one after the other."""
         layers = BLOCKS[kind].layers
         found = () if layers is None else layers(model)
         for layer in sorted(layer for layer in found if layer is not None):
-            yield layer, self.parsed(kind, layer)
+            yield layer, self.parse(kind, layer)
 
     def refuse_unexpected(self, model: SceneModel) -> None:
         """Refuse a block that no layer needs: one decoder would read it and another skip it (SPEC §7.8-7.9).
@@ -148,9 +148,9 @@ def load_models(fields: HeaderFields, layers: int, blocks: ModelBlocks) -> Scene
     opening = NOTHING_OPENED
     tables: list[dict[TableKey, SymbolTable]] = []
     for layer in range(1, layers + 1):
-        row, opening = blocks.parsed(BlockKind.LAYER, layer, opening)
+        row, opening = blocks.parse(BlockKind.LAYER, layer, opening)
         rows.append(row)
-        new = blocks.parsed(BlockKind.TABLES, layer) or {}
+        new = blocks.parse(BlockKind.TABLES, layer) or {}
         tables.append({**(tables[-1] if tables else {}), **new})
     channels, context = opening
     model = SceneModel(fields.profile, fields.slots, channels, tuple(rows), context)
@@ -203,7 +203,7 @@ def _predictors(model: SceneModel, blocks: ModelBlocks) -> tuple[PredictorsByKey
     """Predictors in force in each layer."""
     out: list[PredictorsByKey] = []
     for layer in range(1, len(model.layers) + 1):
-        new = blocks.parsed(BlockKind.PREDICTORS, layer) or ()
+        new = blocks.parse(BlockKind.PREDICTORS, layer) or ()
         check_predictors(model, layer, new)
         out.append({**(out[-1] if out else {}), **{predictor.key: predictor for predictor in new}})
     return tuple(out)

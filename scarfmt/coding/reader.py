@@ -15,9 +15,9 @@ import numpy as np
 
 from scarfmt.arrays import I64
 from scarfmt.blocks.registry import MODEL_BLOCKS
-from scarfmt.coding.models import ModelBlocks, SceneModels, load_models, placed
-from scarfmt.coding.tile import NeuralModels, TileContent, coded_streams, get_layer, needed_streams
-from scarfmt.coding.work import MOST_SPLITS, NumberBudget, check_work, declared_work
+from scarfmt.coding.models import ModelBlocks, SceneModels, load_models, run_at
+from scarfmt.coding.tile import NeuralModels, TileContent, find_needed, get_layer, list_coded
+from scarfmt.coding.work import MOST_SPLITS, NumberBudget, check_work, compute_work
 from scarfmt.container.directory import tile_frame
 from scarfmt.container.file import COALESCE_BYTES, Container, Entry, check_crc
 from scarfmt.container.schema import Stream
@@ -98,13 +98,13 @@ class SceneReader:
         :meth:`models`."""
         budget = NumberBudget(self.header.file_length, self.container.limits)
         models = load_models(self.header.fields, layers, ModelBlocks(payloads, budget.spend))
-        declared = declared_work(models, *self.extent(layers, np.array(tiles, np.int64)))
+        declared = compute_work(models, *self.extent(layers, np.array(tiles, np.int64)))
         check_work(declared, self.header.file_length, self.container.limits)
         return models
 
     def extent(self, layers: int, tiles: I64) -> tuple[I64, int, int]:
         """The tiles, anchors and splits that the directory declares for some tiles in the first layers, as
-        :func:`~scarfmt.coding.work.declared_work` takes them. Reads their pages."""
+        :func:`~scarfmt.coding.work.compute_work` takes them. Reads their pages."""
         counts, rows = self.container.tile_counts(layers, tiles), self.container.tile_rows(tiles)
         local = self.header.fields.lattice_bits - rows["depth"].astype(np.int64) - rows["shift"]
         splits = int((3 * local[:, None] * np.clip(counts - 1, 0, MOST_SPLITS)).sum())
@@ -176,7 +176,7 @@ class SceneReader:
             return TileContent.empty(models.model)
         model, neural = models.model, self._neural(models, Stream.INDICES in streams)
         # A layer's predictors may look at what only earlier layers send: what is needed last is needed first.
-        streams = streams | needed_streams(model, streams, neural[-1])
+        streams = streams | find_needed(model, streams, neural[-1])
         frame = tile_frame(self.header.fields, self.container.tile(tile))
         sizes = models.codebooks.sizes if models.codebooks else (0, 0)
         content = TileContent.empty(model, sum(entry.count for entry, _ in blocks if entry))
@@ -205,7 +205,7 @@ class SceneReader:
             if entry is None:
                 decode()
             else:
-                placed(entry, decode)
+                run_at(entry, decode)
         return content
 
     def _substreams(
@@ -217,9 +217,9 @@ class SceneReader:
         else:
             check_crc(entry, zlib.crc32(payload))
             data, wanted = payload, ALL_STREAMS
-        table = placed(entry, lambda: table_of(data, entry, model))
+        table = run_at(entry, lambda: table_of(data, entry, model))
         return {
-            kind: _checked(entry, kind, part, data[part.start : part.start + part.length])
+            kind: _check(entry, kind, part, data[part.start : part.start + part.length])
             for kind, part in table.items()
             if kind in wanted
         }
@@ -233,7 +233,7 @@ class SceneReader:
         out = bytearray(entry.length)
         head = self.container.read_range(entry, 0, min(entry.length, MAX_TABLE_SIZE))
         out[: len(head)] = head
-        table = placed(entry, lambda: table_of(head, entry, model))
+        table = run_at(entry, lambda: table_of(head, entry, model))
         for kind in sorted((streams | _ALWAYS) & set(table)):
             start, length = table[kind].start, table[kind].length
             out[start : start + length] = self.container.read_range(entry, start, length)
@@ -261,15 +261,15 @@ def table_of(head: bytes, entry: Entry, model: SceneModel) -> dict[Stream, Subst
         Malformed: ``bad-substream-table``, also for a sub-stream that codes nothing in this block (SPEC §7.1).
     """
     table = unpack_table(head, entry.length)
-    idle = set(table) - coded_streams(model, entry.count)
+    idle = set(table) - list_coded(model, entry.count)
     if idle:
         message = f"sub-stream {min(idle).name} codes nothing in this block (SPEC §7.1)"
         raise Malformed("bad-substream-table", message, field="substreams")
     return table
 
 
-def _checked(entry: Entry, kind: Stream, part: Substream, data: bytes) -> bytes:
-    return placed(entry, lambda: check_substream(kind, part, data))
+def _check(entry: Entry, kind: Stream, part: Substream, data: bytes) -> bytes:
+    return run_at(entry, lambda: check_substream(kind, part, data))
 
 
 def _open_stream(

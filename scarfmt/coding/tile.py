@@ -145,7 +145,7 @@ def put_layer(
         predicted = None
         if context is not None:
             steps = before_steps, after_steps
-            predicted = _predicted(context, index, neural.predictors, _at(*final, before_steps), steps)
+            predicted = _predict(context, index, neural.predictors, _at(*final, before_steps), steps)
         put_channel(emitter, channel, before_steps, after_steps, final, predicted)
         if context is not None and index in model.attributes:
             context.settle(index, _at(*final, after_steps), after_steps)
@@ -176,7 +176,7 @@ def _context(
     return LayerContext(model, frame, content.codes, content.classes, observer)
 
 
-def _predicted(
+def _predict(
     context: LayerContext, index: int, predictors: Predictors, values: Ints, steps: tuple[I64, I64]
 ) -> PredictedChannel | None:
     """The predictors of a channel's steps in a layer, None where none of those that travel has any."""
@@ -184,7 +184,7 @@ def _predicted(
     return channel if any(map(channel.covers, steps_between(*steps))) else None
 
 
-def needed_streams(model: SceneModel, wanted: Collection[Stream], neural: NeuralModels = STATIC) -> frozenset[Stream]:
+def find_needed(model: SceneModel, wanted: Collection[Stream], neural: NeuralModels = STATIC) -> frozenset[Stream]:
     """The channels that must be decoded for the streams wanted: those themselves, and contexts of those that are."""
     need = [channel.stream in wanted for channel in model.channels]
     predicted = {stream for stream, _, _ in neural.predictors}
@@ -198,7 +198,7 @@ def needed_streams(model: SceneModel, wanted: Collection[Stream], neural: Neural
     return frozenset(channel.stream for channel, needed in zip(model.channels, need, strict=True) if needed)
 
 
-def coded_streams(model: SceneModel, new: int) -> set[Stream]:
+def list_coded(model: SceneModel, new: int) -> set[Stream]:
     """Sub-streams that may have bytes in a TILE block in which `new` anchors appear (SPEC §7.1)."""
     others = (
         spec.stream
@@ -231,14 +231,14 @@ def get_layer(
     """
     if new:
         _get_new(model, layer, frame, content, new, open_stream)
-    classes, turned_on = content.classes, _turned_on(model, layer, content, open_stream)
-    need = needed_streams(model, wanted, neural)
+    classes, turned_on = content.classes, _turn_on(model, layer, content, open_stream)
+    need = find_needed(model, wanted, neural)
     coder = neural.coder(model, layer) if Stream.INDICES in wanted else None
     context = _context(model, frame, content, neural.predictors, coder, observer)
     for index, channel in enumerate(model.channels):
         if channel.stream not in need:
             continue
-        with _opened(open_stream, channel.stream) as reader:
+        with _open(open_stream, channel.stream) as reader:
             if channel.per_slot:
                 get_offsets(reader, channel, content.values[index], turned_on)
                 continue
@@ -246,7 +246,7 @@ def get_layer(
             values = content.values[index]
             predicted = None
             if context is not None:
-                predicted = _predicted(context, index, neural.predictors, values, steps)
+                predicted = _predict(context, index, neural.predictors, values, steps)
             get_channel(reader, channel, *steps, values, predicted)
         if context is not None and index in model.attributes:
             context.settle(index, content.values[index], steps[1])
@@ -254,7 +254,7 @@ def get_layer(
         if channel.stream == Stream.POSITION_RESIDUAL and not np.array_equal(*steps):
             check_reach(content.values[index], channel.first_width, steps[1])
     if Stream.INDICES in wanted:
-        with _opened(open_stream, Stream.INDICES) as reader:
+        with _open(open_stream, Stream.INDICES) as reader:
             stages = model.stages(layer - 1, classes), model.stages(layer, classes)
             if coder is not None and context is not None:
                 get_neural_indices(reader, coder, context, content.indices, *stages)
@@ -271,26 +271,26 @@ def _get_new(
     open_stream: OpenStream,
 ) -> None:
     """Positions and classes of the last `new` anchors."""
-    with _opened(open_stream, Stream.POSITIONS) as reader:
+    with _open(open_stream, Stream.POSITIONS) as reader:
         content.codes[-new:] = get_positions(reader, new, frame.bits)
-    with _opened(open_stream, Stream.CLASSES) as reader:
+    with _open(open_stream, Stream.CLASSES) as reader:
         known, past = model.first_new_class(layer), model.layers[layer - 1].class_count
         content.classes[-new:] = get_classes(reader, new, known, past)
 
 
-def _turned_on(model: SceneModel, layer: int, content: TileContent, open_stream: OpenStream) -> NDArray[np.bool_]:
+def _turn_on(model: SceneModel, layer: int, content: TileContent, open_stream: OpenStream) -> NDArray[np.bool_]:
     """(n, K) bool: Gaussian slots that this layer turns on, noted in `content`."""
     if model.profile != Profile.ANCHOR:
         return np.zeros(content.slot_layers.shape, np.bool_)
     before = content.slot_layers > 0
-    with _opened(open_stream, Stream.MASKS) as reader:
+    with _open(open_stream, Stream.MASKS) as reader:
         turned_on = get_masks(reader, before) & ~before
     content.slot_layers[turned_on] = layer
     return np.asarray(turned_on)
 
 
 @contextmanager
-def _opened(open_stream: OpenStream, stream: Stream) -> Iterator[SymbolReader]:
+def _open(open_stream: OpenStream, stream: Stream) -> Iterator[SymbolReader]:
     """The reader of a stream, whose seal is checked when all was read."""
     reader = open_stream(stream)
     yield reader

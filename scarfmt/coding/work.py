@@ -58,7 +58,7 @@ def _by_step(tables: Sequence[Mapping[TableKey, SymbolTable]]) -> Iterator[Count
         before = here
 
 
-def declared_work(models: SceneModels, tiles: I64, anchors: int, splits: int) -> int:
+def compute_work(models: SceneModels, tiles: I64, anchors: int, splits: int) -> int:
     """The work of decoding a file's first layers with its models, in the terms of SPEC §13.2.
 
     Args:

@@ -101,7 +101,7 @@ def model_blocks(scene: QuantisedScene, layer: int, tables: Mapping[TableKey, Sy
             yield Block(spec.kind, layer, spec.pack(value), count=spec.count(value))
 
 
-def fitted_tables(histograms: Histogram, known: Mapping[TableKey, SymbolTable]) -> dict[TableKey, SymbolTable]:
+def fit_tables(histograms: Histogram, known: Mapping[TableKey, SymbolTable]) -> dict[TableKey, SymbolTable]:
     """Tables worth sending in a layer with these symbols, given those of earlier layers.
 
     Args:
@@ -153,7 +153,7 @@ def record_tile(
 
     frame = tile_frame(scene.fields, scene.tiles[tile])
     new = put_layer(scene.model, layer, frame, scene.contents[tile], recorder, neural)
-    return RecordedTile(new, {stream: one.settled() for stream, one in recorders.items()})
+    return RecordedTile(new, {stream: one.settle() for stream, one in recorders.items()})
 
 
 def _check(scene: QuantisedScene) -> None:
@@ -210,7 +210,7 @@ def code_blocks(scene: QuantisedScene, report: Report = silent) -> list[Block]:
         for tile in range(len(scene.tiles)):
             report("code", (layer - 1 + tile / len(scene.tiles)) / layers)
             recorded.append(record_tile(scene, layer, tile, neural, counter))
-        sent = fitted_tables(counter.histograms(), known)
+        sent = fit_tables(counter.histograms(), known)
         known = StaticTables({**known, **sent})
         blocks += model_blocks(scene, layer, sent)
         coded = (each.block(layer, tile, known) for tile, each in enumerate(recorded))

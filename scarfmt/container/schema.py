@@ -114,14 +114,14 @@ class Field(NamedTuple):
     description: str
 
 
-def _unnamed(member: Any) -> Any:
+def _strip_names(member: Any) -> Any:
     while isinstance(member, Renamed):
         member = member.subcon
     return member
 
 
 def _field_type(member: Any) -> str:
-    subcon = _unnamed(member)
+    subcon = _strip_names(member)
     if isinstance(subcon, FormatField):
         return _SCALARS[subcon.fmtstr][0]
     if isinstance(subcon, Array):
@@ -150,7 +150,7 @@ def markdown_table(name: str) -> str:
 
 def numpy_dtype(structure: Any) -> np.dtype[np.void]:
     """The packed numpy dtype of a Struct of scalars: large tables are parsed with it, at once."""
-    return np.dtype([(member.name, _SCALARS[_unnamed(member).fmtstr][1]) for member in structure.subcons])
+    return np.dtype([(member.name, _SCALARS[_strip_names(member).fmtstr][1]) for member in structure.subcons])
 
 
 TILE_DTYPE = np.dtype([("depth", "u1"), ("shift", "u1"), ("prefix", "<u8")])

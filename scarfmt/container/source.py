@@ -505,7 +505,7 @@ def open_source(origin: Origin, *, timeout: float = TIMEOUT_SECONDS, head_bytes:
 
 
 @contextmanager
-def opened(origin: Origin) -> Iterator[ByteSource]:
+def use_source(origin: Origin) -> Iterator[ByteSource]:
     """The source of a path, URL or bytes, closed afterwards; a ByteSource is passed through and stays open.
 
     Raises:

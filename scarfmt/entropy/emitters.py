@@ -18,7 +18,7 @@ import numpy as np
 from scarfmt.arrays import F64, I32, I64, U8, Ints
 from scarfmt.entropy.grouping import by_context
 from scarfmt.entropy.keys import TableKey
-from scarfmt.entropy.rans import RansEncoder, cached_uniform, uncoded
+from scarfmt.entropy.rans import RansEncoder, make_uniform, symbol_refusal
 from scarfmt.entropy.symbol_tables import SymbolTable
 from scarfmt.errors import InvalidInput
 from scarfmt.native.binding import library
@@ -121,7 +121,7 @@ class SymbolCounter(Emitter):
             alphabet, counts = np.unique(np.concatenate(groups), return_counts=True)
             self._found.setdefault(key, []).append((alphabet.astype(np.int64), counts))
         self._waiting = {}
-        return {key: _added(*zip(*parts, strict=True)) for key, parts in sorted(self._found.items())}
+        return {key: _add(*zip(*parts, strict=True)) for key, parts in sorted(self._found.items())}
 
 
 def check_values(values: Ints) -> None:
@@ -134,7 +134,7 @@ def check_values(values: Ints) -> None:
         raise InvalidInput("input-symbol", "a value beyond 32 bits", field="symbols")
 
 
-def _added(numbers: Sequence[I64], counts: Sequence[I64]) -> tuple[I64, I64]:
+def _add(numbers: Sequence[I64], counts: Sequence[I64]) -> tuple[I64, I64]:
     """Numbers that occur in any of several lists, ascending, and their counts added up."""
     if len(numbers) == 1:
         return numbers[0], counts[0]
@@ -156,11 +156,11 @@ class SymbolWriter(Emitter):
             return
         places = self._tables[key].places(values) if key in self._tables else None
         if places is None:
-            raise uncoded()
+            raise symbol_refusal()
         self._rans.encode(places, self._tables[key].table)
 
     def emit_uniform(self, size: int, values: Ints) -> None:
-        self._rans.encode(values, cached_uniform(size))
+        self._rans.encode(values, make_uniform(size))
 
     def emit_rows(self, weights: F64, values: Ints) -> None:
         self._rans.encode_rows(values, weights)

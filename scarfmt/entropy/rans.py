@@ -125,7 +125,7 @@ def uniform_table(size: int) -> FrequencyTable:
 
 # Few sizes are in use; large tables take 130 KB each with their model, so not all of them are kept.
 @lru_cache(maxsize=128)
-def cached_uniform(size: int) -> FrequencyTable:
+def make_uniform(size: int) -> FrequencyTable:
     """The uniform table of `size` symbols, made once."""
     return uniform_table(size)
 
@@ -175,11 +175,11 @@ class RansEncoder:
             return b""
         spans = np.concatenate(self._spans)
         if library() is None:
-            return _coded(*spans.T.tolist())
-        return coded_groups(np.array([[0, len(spans)]]), np.zeros(0, np.uint8), spans.view(np.int32))
+            return _code(*spans.T.tolist())
+        return code_groups(np.array([[0, len(spans)]]), np.zeros(0, np.uint8), spans.view(np.int32))
 
 
-def coded_groups(groups: I64, contexts: U8, values: I32, tables: object = None) -> bytes:
+def code_groups(groups: I64, contexts: U8, values: I32, tables: object = None) -> bytes:
     """The sealed stream of some groups, by the C library.
 
     Args:
@@ -197,16 +197,16 @@ def coded_groups(groups: I64, contexts: U8, values: I32, tables: object = None) 
     given = tables, groups.ctypes.data, len(groups), *ends
     count = native.scar_code(*given, spans.ctypes.data, words.ctypes.data)
     if count < 0:
-        raise uncoded()
+        raise symbol_refusal()
     return words[:count].astype("<u4").tobytes()
 
 
-def uncoded() -> InvalidInput:
+def symbol_refusal() -> InvalidInput:
     """The refusal of a symbol for which there is no place in the table."""
     return InvalidInput("input-symbol", "a value that no table holds", field="symbols")
 
 
-def _coded(first: list[int], past: list[int]) -> bytes:
+def _code(first: list[int], past: list[int]) -> bytes:
     """The words of some spans (SPEC §8.2)."""
     state, words = 0, []
     for start, end in zip(reversed(first), reversed(past), strict=True):

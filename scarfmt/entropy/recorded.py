@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from scarfmt.arrays import F64, I32, I64, U8, Ints
 from scarfmt.entropy.emitters import Emitter, SymbolCounter, SymbolWriter, check_values, emit_groups
 from scarfmt.entropy.keys import TableKey
-from scarfmt.entropy.rans import coded_groups
+from scarfmt.entropy.rans import code_groups
 from scarfmt.entropy.symbol_tables import StaticTables, SymbolTable
 from scarfmt.errors import InvalidInput
 from scarfmt.native.binding import library
@@ -50,7 +50,7 @@ class RecordedSymbols:
             return writer.finish()
         # Their arrays live as long as they do.
         static, values = StaticTables.of(tables), self.values.astype(np.int32, copy=False)
-        return coded_groups(self.groups, self.contexts, values, byref(static.side_by_side))
+        return code_groups(self.groups, self.contexts, values, byref(static.side_by_side))
 
 
 class SymbolRecorder(Emitter):
@@ -86,7 +86,7 @@ class SymbolRecorder(Emitter):
     def emit_rows(self, weights: F64, values: Ints) -> None:
         self._modelled.emit_rows(weights, values)
 
-    def settled(self) -> RecordedSymbols:
+    def settle(self) -> RecordedSymbols:
         """All that was given, counted.
 
         Symbols that came with their own frequencies are coded: those take much memory, and wait for no table.

@@ -12,7 +12,7 @@ import numpy as np
 from scarfmt.arrays import F64, I32, I64, Ints
 from scarfmt.entropy.grouping import by_context
 from scarfmt.entropy.keys import StepKey, TableKey
-from scarfmt.entropy.rans import RansDecoder, cached_uniform
+from scarfmt.entropy.rans import RansDecoder, make_uniform
 from scarfmt.entropy.symbol_tables import SymbolTable
 from scarfmt.errors import Malformed
 
@@ -70,7 +70,7 @@ class SymbolReader:
 
     def read_uniform(self, size: int, count: int) -> I64:
         """The next `count` values of a uniform alphabet 0..size-1."""
-        return self._rans.decode(cached_uniform(size), count).astype(np.int64)
+        return self._rans.decode(make_uniform(size), count).astype(np.int64)
 
     def read_rows(self, weights: F64, stage: int) -> I64:
         """The next (n,) values of a stage, each with its own row of (n, k) `weights`: f - 1 (SPEC §10.5)."""

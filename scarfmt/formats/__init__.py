@@ -99,7 +99,7 @@ def find(path_or_bytes: str | PathLike[str] | bytes, format: str | None = None) 
     source = _source(path_or_bytes)
     if format is None and is_packed(source) and _by_content(source) is None:
         source = unpack(source)
-    return source, detect(source) if format is None else _named(format)
+    return source, detect(source) if format is None else _find(format)
 
 
 def detect(source: Source) -> Format:
@@ -118,7 +118,7 @@ def detect(source: Source) -> Format:
     if kind:
         raise InvalidInput("input-format", f"{source.name}: {kind}")
     hint = "" if name else " (.splat content has no mark: give its format)"
-    raise InvalidInput("input-format", f"{source.name}: unknown format{hint}; supported: {_supported()}")
+    raise InvalidInput("input-format", f"{source.name}: unknown format{hint}; supported: {_list_supported()}")
 
 
 def stem(name: str) -> str:
@@ -163,12 +163,12 @@ def _index_of(directory: Path) -> Path:
     return found
 
 
-def _named(format_id: str) -> Format:
+def _find(format_id: str) -> Format:
     for candidate in FORMATS:
         if candidate.id == format_id:
             return candidate
-    raise InvalidInput("input-format", f"unknown format {format_id!r}; supported: {_supported()}")
+    raise InvalidInput("input-format", f"unknown format {format_id!r}; supported: {_list_supported()}")
 
 
-def _supported() -> str:
+def _list_supported() -> str:
     return ", ".join(f"{known.id} ({known.title})" for known in FORMATS)

@@ -45,9 +45,9 @@ def write_sog(parts: Parts, described: Described, target: BinaryIO) -> Written:
         meta["model"] = model
     meta["means"] = _means(scene, images, losses)
     losses.refuse_coarse("SOG", "leave out Gaussians far from all others, or write another format")
-    meta["scales"] = _coded(scene.log_scales, "scales", images)
+    meta["scales"] = _code(scene.log_scales, "scales", images)
     meta["quats"] = _rotations(scene, images)
-    meta["sh0"] = _coded(scene.sh[:, 0], "sh0", images, alpha_of_logit(scene.opacity_logits))
+    meta["sh0"] = _code(scene.sh[:, 0], "sh0", images, alpha_of_logit(scene.opacity_logits))
     if scene.sh_degree:
         meta["shN"] = _harmonics(scene.sh[:, 1:], images)
     with zipfile.ZipFile(target, "w", zipfile.ZIP_STORED) as archive:
@@ -104,7 +104,7 @@ def _rotations(scene: GaussianScene, images: dict[str, U8]) -> dict[str, Any]:
     return {"files": ["quats.webp"]}
 
 
-def _coded(values: F32, name: str, images: dict[str, U8], alpha: U8 | None = None) -> dict[str, Any]:
+def _code(values: F32, name: str, images: dict[str, U8], alpha: U8 | None = None) -> dict[str, Any]:
     """Values (N, 3) through a codebook of 256."""
     book = fit_codebook(values.ravel().astype(np.float64))
     pixels = nearest(book, values.astype(np.float64)).astype(np.uint8)

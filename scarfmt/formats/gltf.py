@@ -210,7 +210,7 @@ def _inline(source: Source, uri: str) -> bytes:
         raise source.corrupt(f"damaged base64 ({error})", field="buffers.uri") from error
 
 
-def placed_meshes(asset: Asset) -> Iterator[tuple[int, F64]]:
+def place_meshes(asset: Asset) -> Iterator[tuple[int, F64]]:
     """Index of each mesh of the default scene, and the (4, 4) matrix from its axes to those of the scene.
 
     Raises:
@@ -265,7 +265,7 @@ def _local(asset: Asset, node: dict[str, Any]) -> F64:
     )
 
 
-def _placed(scene: GaussianScene, matrix: F64, name: str) -> GaussianScene:
+def _place(scene: GaussianScene, matrix: F64, name: str) -> GaussianScene:
     """The scene where a node puts it.
 
     Raises:
@@ -319,7 +319,7 @@ def load(source: Source) -> GaussianScene:
         message = f"{source.name}: it requires {', '.join(unknown)}; export the scene without"
         raise Unsupported("input-gltf", message, field="extensionsRequired")
     parts = [
-        _placed(_gaussians(asset, primitive), matrix, source.name) for primitive, matrix in _placed_gaussians(asset)
+        _place(_gaussians(asset, primitive), matrix, source.name) for primitive, matrix in _place_gaussians(asset)
     ]
     return flip_axes(concatenate(parts), LUF_TO_RDF)
 
@@ -334,7 +334,7 @@ def describe(source: Source) -> Description:
         InputWarning: the coordinate reference cannot be used.
     """
     asset = Asset(source)
-    placed = _placed_gaussians(asset)
+    placed = _place_gaussians(asset)
     primitives = [primitive for primitive, _ in placed]
     spaces = {_terms(asset, primitive).get("colorSpace", SRGB) for primitive in primitives}
     if len(spaces) > 1:
@@ -383,12 +383,12 @@ def _spz_file(asset: Asset, primitive: dict[str, Any]) -> Source | None:
     return None
 
 
-def _placed_gaussians(asset: Asset) -> list[tuple[dict[str, Any], F64]]:
+def _place_gaussians(asset: Asset) -> list[tuple[dict[str, Any], F64]]:
     """All primitives with Gaussians, and the matrices of their nodes; counted before any of them is read."""
     found: list[tuple[dict[str, Any], F64]] = []
     others: list[set[str]] = []
     total = 0
-    for mesh, matrix in placed_meshes(asset):
+    for mesh, matrix in place_meshes(asset):
         for primitive in asset.source.array(asset.entry("meshes", mesh), "primitives"):
             if not isinstance(primitive, dict):
                 raise asset.source.corrupt("a primitive is not an object", field="meshes.primitives")
@@ -396,7 +396,7 @@ def _placed_gaussians(asset: Asset) -> list[tuple[dict[str, Any], F64]]:
             if EXTENSION not in extensions:
                 others.append(set(extensions))
                 continue
-            count = _declared(asset, primitive)
+            count = _count_declared(asset, primitive)
             total += count
             asset.source.check_count(total, file_bytes=_buffer_bytes(asset))
             found.append((primitive, matrix))
@@ -410,7 +410,7 @@ def _placed_gaussians(asset: Asset) -> list[tuple[dict[str, Any], F64]]:
     return found
 
 
-def _declared(asset: Asset, primitive: dict[str, Any]) -> int:
+def _count_declared(asset: Asset, primitive: dict[str, Any]) -> int:
     """Gaussians that the attributes of a primitive declare; compressed ones need not have any."""
     attributes = asset.source.member(primitive, "attributes")
     if POSITION not in attributes and asset.source.member(_terms(asset, primitive), "extensions"):
@@ -462,7 +462,7 @@ def _gaussians(asset: Asset, primitive: dict[str, Any]) -> GaussianScene:
 def _unpack(asset: Asset, primitive: dict[str, Any], file: Source) -> GaussianScene:
     """The Gaussians of an SPZ file, in the axes of glTF."""
     scene = flip_axes(spz.load(file), LUF_TO_RDF)
-    declared = _declared(asset, primitive)
+    declared = _count_declared(asset, primitive)
     if declared not in (0, len(scene)):
         raise asset.source.corrupt(f"{len(scene)} Gaussians in an SPZ file, {declared} declared", field=POSITION)
     return scene

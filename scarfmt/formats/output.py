@@ -50,14 +50,14 @@ class Spool(ExitStack):
         """Bytes of a stream so far."""
         return self._streams[name].tell()
 
-    def reopened(self, name: str) -> BinaryIO:
+    def reopen(self, name: str) -> BinaryIO:
         """A stream from its beginning, to be read."""
         self._streams[name].seek(0)
         return self._streams[name]
 
     def copy(self, name: str, target: BinaryIO) -> None:
         """Write a stream to `target`."""
-        shutil.copyfileobj(self.reopened(name), target, _COPY_BYTES)
+        shutil.copyfileobj(self.reopen(name), target, _COPY_BYTES)
 
 
 Parts = Iterable[GaussianScene]

@@ -316,14 +316,14 @@ def _read_text(stream: Iterator[str], header: Header, names: Collection[str]) ->
             continue
         kind = row_type(element, "=")
         # loadtxt warns where there is nothing to read.
-        rows = np.loadtxt(_filled(lines), kind, comments=None, ndmin=1) if element.count else np.empty(0, kind)
+        rows = np.loadtxt(_refuse_blank(lines), kind, comments=None, ndmin=1) if element.count else np.empty(0, kind)
         if len(rows) < element.count:
             raise ValueError(f"the file ends in row {len(rows)} of {element.name}")
         found[element.name] = rows
     return found
 
 
-def _filled(lines: Iterator[str]) -> Iterator[str]:
+def _refuse_blank(lines: Iterator[str]) -> Iterator[str]:
     """`lines`, none of which may be blank: loadtxt would pass over such a line and count on."""
     for number, line in enumerate(lines):
         if not line.strip():

@@ -169,7 +169,7 @@ class _Chunk:
         scales, colours = self.numbers("scales"), self.numbers("rgb")
         with np.errstate(divide="ignore", invalid="ignore"):
             log_scales = scales if self._encoding("scales").startswith("ln") else np.log(scales)
-        rest = self._labelled(table) if self.has("sh_label") else self.harmonics("", degree, self.count)
+        rest = self._label(table) if self.has("sh_label") else self.harmonics("", degree, self.count)
         scene = GaussianScene(
             self.numbers("center").astype(np.float64),
             log_scales.astype(np.float32),
@@ -184,7 +184,7 @@ class _Chunk:
         bands = [self.numbers(f"sh{band}{kind}", rows) for band in range(1, degree + 1)]
         return np.concatenate([np.empty((rows, 0)), *bands], axis=1).astype(np.float32).reshape(rows, -1, 3)
 
-    def _labelled(self, table: F32 | None) -> F32:
+    def _label(self, table: F32 | None) -> F32:
         labels = self.numbers("sh_label")[:, 0]
         if table is None or labels.max(initial=0) >= len(table):
             raise self._source.corrupt("a label beyond the table of harmonics", field="sh_label")
@@ -217,9 +217,9 @@ class _Chunk:
         planes = stream.view(kind).reshape(width, rows)
         if encoding.endswith("delta"):
             planes = np.cumsum(planes, axis=1, dtype=kind)
-        return self._dequantised(name, planes.T) if kind.itemsize == 1 else planes.T
+        return self._dequantise(name, planes.T) if kind.itemsize == 1 else planes.T
 
-    def _dequantised(self, name: str, stored: NDArray[Any]) -> NDArray[Any]:
+    def _dequantise(self, name: str, stored: NDArray[Any]) -> NDArray[Any]:
         bounds: list[Any] = [self._properties[name].get(end) for end in ("min", "max")]
         if not all(type(bound) in (int, float) and abs(bound) <= _LARGEST for bound in bounds):
             raise self._source.corrupt("its range is no two numbers", field=name)

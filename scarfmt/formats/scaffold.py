@@ -72,7 +72,7 @@ def load(source: Source) -> AnchorModel:
     header = ply.read_header(source)
     vertex = header.elements.get("vertex")
     names = [] if vertex is None else [name for name, kind in vertex.properties.items() if kind != ply.LIST]
-    features, offsets = _numbered(source, names, "f_anchor_feat_"), _numbered(source, names, "f_offset_")
+    features, offsets = _number(source, names, "f_anchor_feat_"), _number(source, names, "f_offset_")
     scales = [f"scale_{axis}" for axis in range(6)]
     missing = [name for name in ("x", "y", "z", *scales, "f_offset_0") if name not in names]
     if missing or len(offsets) % 3:
@@ -92,7 +92,7 @@ def load(source: Source) -> AnchorModel:
         )
 
 
-def _numbered(source: Source, names: list[str], prefix: str) -> list[str]:
+def _number(source: Source, names: list[str], prefix: str) -> list[str]:
     """The columns PREFIX0, PREFIX1, ... in order of their numbers."""
     count = sum(name.startswith(prefix) for name in names)
     wanted = [f"{prefix}{number}" for number in range(count)]
@@ -123,7 +123,7 @@ def _checkpoints(source: Source, folder: Path) -> dict[str, Tensors]:
         if any((folder / f"{name}{ending}").exists() for ending in _ENDINGS):
             raise _unsupported(source, what)
     if (folder / _UNITED).is_file():
-        return _united(source, tensors(Source(folder / _UNITED)))
+        return _unite(source, tensors(Source(folder / _UNITED)))
     found = {}
     for name in _OUTPUTS_PER_SLOT:
         paths = [folder / f"{name}_mlp{ending}" for ending in _ENDINGS]
@@ -135,7 +135,7 @@ def _checkpoints(source: Source, folder: Path) -> dict[str, Tensors]:
     return found
 
 
-def _united(source: Source, everything: Tensors) -> dict[str, Tensors]:
+def _unite(source: Source, everything: Tensors) -> dict[str, Tensors]:
     """The parts of one dictionary of all networks."""
     found: dict[str, Tensors] = {name: {} for name in _OUTPUTS_PER_SLOT}
     for path, tensor in everything.items():

@@ -115,7 +115,7 @@ class _Reader:
     def scene(self) -> GaussianScene:
         means = self._images("means", 2)
         bytes16 = means[0].astype(np.uint16) | means[1].astype(np.uint16) << 8
-        logarithmic = self._ranged("means", bytes16[:, :3] / 65535.0, 3)
+        logarithmic = self._scale("means", bytes16[:, :3] / 65535.0, 3)
         scale_bytes = self._images("scales", 1)[0][:, :3]
         rotations = self._rotations(self._images("quats", 1)[0])
         colour = self._images("sh0", 1)[0]
@@ -142,9 +142,9 @@ class _Reader:
     def _numbers(self, key: str, name: str, length: int) -> F64:
         """`length` numbers; a single one is repeated, as version 1 has for shN."""
         value = self._entry(key).get(name)
-        return self._checked(key, name, [value] * length if isinstance(value, int | float) else value, length)
+        return self._check_numbers(key, name, [value] * length if isinstance(value, int | float) else value, length)
 
-    def _checked(self, key: str, name: str, values: object, length: int) -> F64:
+    def _check_numbers(self, key: str, name: str, values: object, length: int) -> F64:
         good = isinstance(values, list) and len(values) == length and all(type(v) in (int, float) for v in values)
         if not good:
             raise self.source.corrupt(f"expected {length} numbers", field=f"{META}.{key}.{name}")
@@ -153,7 +153,7 @@ class _Reader:
         except OverflowError as error:
             raise self.source.corrupt("a number is too large", field=f"{META}.{key}.{name}") from error
 
-    def _ranged(self, key: str, fraction: F64, channels: int) -> F64:
+    def _scale(self, key: str, fraction: F64, channels: int) -> F64:
         low, high = (self._numbers(key, end, channels) for end in ("mins", "maxs"))
         return low * (1.0 - fraction) + high * fraction
 
@@ -161,14 +161,14 @@ class _Reader:
         """Bytes (N, C) through the codebook, or through the ranges version 1 has instead."""
         if "codebook" in self._entry(key):
             return self._codebook(key)[indices]
-        return self._ranged(key, indices / 255.0, indices.shape[1])
+        return self._scale(key, indices / 255.0, indices.shape[1])
 
     def _codebook(self, key: str) -> F64:
         """(256,) values. Old writers left the first one null: it continues the others, as PlayCanvas reads it."""
         stored = self._entry(key)["codebook"]
         if not isinstance(stored, list) or stored[:1] != [None]:
             return self._numbers(key, "codebook", 256)
-        rest = self._checked(key, "codebook", stored[1:], 255)
+        rest = self._check_numbers(key, "codebook", stored[1:], 255)
         return np.concatenate([[rest[0] + (rest[0] - rest[-1]) / 255], rest])
 
     def _colour(self, pixels: U8) -> tuple[F64, F32]:

@@ -346,8 +346,8 @@ def write_spz(parts: Parts, described: Described, target: BinaryIO, options: Spz
             for name, values in _quantise(scene, options, losses).items():
                 spool.add(name, values)
         bits = _fraction_bits(farthest, options.fraction_bits)
-        sizes = spool.reopened("sizes")
-        for rows in _rows(spool.reopened("raw positions")):
+        sizes = spool.reopen("sizes")
+        for rows in _rows(spool.reopen("raw positions")):
             spool.add("positions", _fixed_point(rows, bits))
             losses.compare_steps(2.0**-bits, np.frombuffer(sizes.read(8 * len(rows)), np.float64))
         if options.fraction_bits is None:
@@ -445,7 +445,7 @@ def _write_gzip(head: bytes, spool: Spool, names: tuple[str, ...], target: Binar
     deflater = zlib.compressobj(_GZIP_LEVEL, zlib.DEFLATED, 31)
     target.write(deflater.compress(head + bytes(1)))
     for name in names:
-        stream = spool.reopened(name)
+        stream = spool.reopen(name)
         while data := stream.read(1 << 20):
             target.write(deflater.compress(data))
     target.write(deflater.flush())
@@ -458,7 +458,7 @@ def _write_v4(head: bytes, spool: Spool, names: tuple[str, ...], target: BinaryI
         table = b""
         for name in names:
             size = spool.size(name)
-            compressor.copy_stream(spool.reopened(name), packed.reopened(name), size=size)
+            compressor.copy_stream(spool.reopen(name), packed.reopen(name), size=size)
             table += struct.pack("<QQ", packed.size(name), size)
         target.write(head + struct.pack("<BI12x", len(names), 32) + table)
         for name in names:

@@ -55,7 +55,7 @@ def load(source: Source) -> GaussianScene:
     graded = [field for field, plain in _UNGRADED.items() if any(s.get(field, plain) != plain for _, s in shown)]
     if graded:
         source.warn(f"colours are read without their grading ({', '.join(graded)}); to have it, {_EXPORT}")
-    parts = [_placed(source, inria_ply.load(file), splat) for file, splat in shown]
+    parts = [_place(source, inria_ply.load(file), splat) for file, splat in shown]
     source.check_count(sum(map(len, parts)))
     return concatenate(parts)
 
@@ -79,7 +79,7 @@ def _splats(source: Source) -> list[tuple[Source, dict[str, Any]]]:
     return list(zip(files, document["splats"], strict=True))
 
 
-def _placed(source: Source, scene: GaussianScene, splat: dict[str, Any]) -> GaussianScene:
+def _place(source: Source, scene: GaussianScene, splat: dict[str, Any]) -> GaussianScene:
     matrix: F64 = _TO_RDF @ compose(
         source.vector(splat, "position", (0, 0, 0)),
         source.vector(splat, "rotation", (0, 0, 0, 1)),

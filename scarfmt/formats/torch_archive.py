@@ -201,7 +201,7 @@ class _Machine:
                 stack.append(self._storage(kind, key, count))
             case "NEWOBJ" | "REDUCE":
                 arguments, function = stack.pop(), stack.pop()
-                stack.append(_called(function, arguments))
+                stack.append(_call(function, arguments))
             case "BUILD":
                 state = stack.pop()
                 if isinstance(state, dict) and "_metadata" not in state:
@@ -229,7 +229,7 @@ def _is_name(value: object) -> bool:
     return isinstance(value, str) or (type(value) is int and abs(value) < _LARGE)
 
 
-def _called(function: _Global, arguments: tuple[Any, ...]) -> object:
+def _call(function: _Global, arguments: tuple[Any, ...]) -> object:
     """The value that a call of the pickle stands for. No code is looked up by name."""
     if len(arguments) > _MAX_ARGUMENTS:
         raise ValueError("a call of too many arguments")

@@ -73,7 +73,7 @@ def library() -> ctypes.CDLL | None:
     return load() if absence() is None else None
 
 
-def described() -> str:
+def describe() -> str:
     """The decoder of this process by name, and why it is not the faster one."""
     return "native" if absence() is None else f"numpy (no native library: {absence()})"
 
@@ -85,7 +85,7 @@ def load() -> ctypes.CDLL:
     Raises:
         Absent: it was not built, or for another machine or version.
     """
-    found = opened(find_library("scarfmt.native", Path(__file__).parent), _SIGNATURES)
+    found = open_library(find_library("scarfmt.native", Path(__file__).parent), _SIGNATURES)
     if found.scar_interface() != INTERFACE:
         raise Absent(f"it was built from another version: interface {found.scar_interface()}, not {INTERFACE}")
     return found
@@ -107,7 +107,7 @@ def find_library(package: str, folder: Path) -> str:
     raise Absent(f"it was not built: {why}")
 
 
-def opened(path: str, signatures: Signatures) -> ctypes.CDLL:
+def open_library(path: str, signatures: Signatures) -> ctypes.CDLL:
     """The library in a file with these functions declared.
 
     Raises:

@@ -102,9 +102,9 @@ class Linear:
     @cached_property
     def folded(self) -> tuple[F32, F32]:
         """W^T / 2^s, (in, out), and b / 2^s + 1/2, (out,): floor(x W^T + b) of these is the rounded layer."""
-        return folded(self.weights, self.biases, self.shift)
+        return fold(self.weights, self.biases, self.shift)
 
-    def rounded(self, x: NDArray[Any]) -> F32:
+    def round(self, x: NDArray[Any]) -> F32:
         """(n, out) float32 integers round_shift(W x + b, shift), of (n, in) activations of any dtype."""
         weights, biases = self.folded
         out: F32 = np.asarray(x, np.float32) @ weights
@@ -112,17 +112,17 @@ class Linear:
         return np.floor(out, out=out)
 
     def signed(self, x: NDArray[Any], amax: int) -> F32:
-        """:meth:`rounded`, clamped to -amax..amax."""
-        out = self.rounded(x)
+        """:meth:`round`, clamped to -amax..amax."""
+        out = self.round(x)
         return np.clip(out, -amax, amax, out=out)
 
     def relu(self, x: NDArray[Any], amax: int) -> F32:
-        """:meth:`rounded`, clamped to 0..amax."""
-        out = self.rounded(x)
+        """:meth:`round`, clamped to 0..amax."""
+        out = self.round(x)
         return np.clip(out, 0, amax, out=out)
 
 
-def folded(weights: Ints, biases: Ints, shift: int) -> tuple[F32, F32]:
+def fold(weights: Ints, biases: Ints, shift: int) -> tuple[F32, F32]:
     """`weights` transposed and `biases`, divided by 2^shift, with the half step of the rounding added; float32."""
     scale = 0.5**shift
     # Without a shift there is nothing to round, and a half beside 24 bits would not be exact.

@@ -15,7 +15,7 @@ import numpy as np
 from scarfmt.arrays import F32, F64, I64, Ints, Numbers
 from scarfmt.entropy.rans import TOTAL
 from scarfmt.errors import InvalidInput
-from scarfmt.neural.arithmetic import Linear, folded
+from scarfmt.neural.arithmetic import Linear, fold
 from scarfmt.neural.grid import HashGrid
 from scarfmt.neural.network import QUERY_AMAX, Attention, GruLayer, IndexNetwork
 from scarfmt.neural.tables import EXP2_LAST, LAST, exp2_table, sigmoid_table, state_table
@@ -123,7 +123,7 @@ class Evaluator:
             layers.append(_by_parts(layer.step, products.shape[1], products, before))
         return State(tuple(layers), (*state.history, layers[-1]))
 
-    def mixed(self, h: F32, state: State) -> F32:
+    def mix(self, h: F32, state: State) -> F32:
         """(n, Y) y of the stage that follows `state`, of the embeddings `h` of the same anchors."""
         mixer, attention, amax = self.network.mixer, self.network.attention, self._amax
 
@@ -142,7 +142,7 @@ class Evaluator:
         projection, (logits, _) = self.network.heads[book].projections[0], self._logits[book]
         for part in _parts(len(y), logits.outputs):
             o = projection.signed(y[part], self._amax)
-            yield np.arange(part.start, part.stop), frequency_rows(logits.rounded(o))
+            yield np.arange(part.start, part.stop), frequency_rows(logits.round(o))
 
     def member_blocks(self, book: int, y: F32, clusters: Ints) -> Blocks:
         """The members of n anchors: clusters ascend, order is kept in a cluster, clusters of one codeword are left out.
@@ -167,7 +167,7 @@ class Evaluator:
                 for cluster, (first, last) in zip(here, itertools.pairwise(edges - part.start), strict=True):
                     own = slice(max(first, 0), max(last, 0))
                     if own.start < min(own.stop, len(rows)):
-                        logits[own] = members[cluster].rounded(o[own])
+                        logits[own] = members[cluster].round(o[own])
                 yield rows, frequency_rows(logits)
 
 
@@ -180,10 +180,10 @@ class _Recurrence:
 
     def __init__(self, layer: GruLayer, activation_bits: int) -> None:
         self._width, self._half = len(layer.start), 0.5 if layer.shift else 0.0
-        self.inputs = [folded(matrix, layer.recurrent_biases, layer.shift)[0] for matrix in layer.inputs]
+        self.inputs = [fold(matrix, layer.recurrent_biases, layer.shift)[0] for matrix in layer.inputs]
         self.biases = (layer.biases * 0.5**layer.shift).astype(np.float32)
         # The half of their rounding is in the biases of these.
-        self._recurrent, self._recurrent_biases = folded(layer.recurrent, layer.recurrent_biases, layer.shift)
+        self._recurrent, self._recurrent_biases = fold(layer.recurrent, layer.recurrent_biases, layer.shift)
         self._tanh = state_table(activation_bits).astype(np.float32)
 
     def step(self, products: F32, state: F32) -> F32:

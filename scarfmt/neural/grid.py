@@ -230,7 +230,7 @@ def _level_features(box: GridBox, level: GridLevel, words: F64, inside: I64) -> 
         if lane == 0:
             corners = np.repeat(words[word][addresses], lengths, axis=1)
             sums = np.einsum("vn,vn->n", weights, corners).astype(np.int64)
-        yield _rounded(sums >> (_LANE_BITS * lane) & ((1 << _LANE_BITS) - 1), len(level.axes))
+        yield _round(sums >> (_LANE_BITS * lane) & ((1 << _LANE_BITS) - 1), len(level.axes))
 
 
 def _runs(cells: I64) -> tuple[I64, I64]:
@@ -240,7 +240,7 @@ def _runs(cells: I64) -> tuple[I64, I64]:
     return starts, np.diff(np.append(starts, cells.shape[1]))
 
 
-def _rounded(ones: I64, dims: int) -> I64:
+def _round(ones: I64, dims: int) -> I64:
     """Features from the total weight of the vertices whose bit is 1: that of the zeros is the rest of 256^dims."""
     bits = _FRACTION_BITS * dims
     shift = bits - 7

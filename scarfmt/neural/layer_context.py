@@ -68,7 +68,7 @@ class LayerContext:
         """Take the (n, components) `values` of a channel, at (n,) `steps`, as this layer leaves them: they stay so."""
         self._settled[channel] = values, steps
 
-    def settled(self, before: int | None = None) -> I32:
+    def list_settled(self, before: int | None = None) -> I32:
         """(n, A) int32 fine values of the attribute channels settled, or of those before channel `before`.
 
         They are the first columns of an array of all attribute channels.

@@ -54,7 +54,7 @@ class PredictedChannel:
     @cached_property
     def settled(self) -> I32:
         """(n, a) int32 fine values of the attribute channels before this one."""
-        return self.context.settled(before=self._channel)
+        return self.context.list_settled(before=self._channel)
 
     def covers(self, step: int) -> bool:
         """Whether a component has a predictor for `step`."""

@@ -68,25 +68,25 @@ class Camera:
         rotation, translation = self.world_to_camera[:3, :3], self.world_to_camera[:3, 3]
         return -rotation.T @ translation
 
-    def scaled(self, factor: float) -> Camera:
+    def scale(self, factor: float) -> Camera:
         """A copy of this view for a picture `factor` times as wide and high, rounded to whole pixels."""
         width, height = max(1, round(self.width * factor)), max(1, round(self.height * factor))
         sx, sy = width / self.width, height / self.height
         fx, fy, cx, cy = self.fx * sx, self.fy * sy, self.cx * sx, self.cy * sy
         return replace(self, width=width, height=height, fx=fx, fy=fy, cx=cx, cy=cy)
 
-    def sized(self, width: int, height: int) -> Camera:
+    def resize(self, width: int, height: int) -> Camera:
         """A picture of that size with this view's horizontal field, and the principal point in its middle."""
         focal = self.fx * width / self.width
         return replace(self, width=width, height=height, fx=focal, fy=focal, cx=width / 2, cy=height / 2)
 
-    def sampled(self, every: int) -> Camera:
+    def sample(self, every: int) -> Camera:
         """One pixel of each `every` x `every` of this view, as it is there: splats are as wide as in the whole picture.
 
         The mean over many such pictures is that over as many whole ones, at a fraction of the time. A picture that is
-        :meth:`scaled` is another one: its splats are dilated by pixels that are larger.
+        :meth:`scale` is another one: its splats are dilated by pixels that are larger.
         """
-        smaller = self.scaled(1 / every)
+        smaller = self.scale(1 / every)
         return replace(smaller, dilation=self.dilation * (smaller.width / self.width) ** 2)
 
 

@@ -64,7 +64,7 @@ def read_pixels(path: str | Path) -> U8:
         InvalidInput: ``input-image``: as :func:`opened_image`.
         OSError: the file cannot be opened.
     """
-    with opened_image(path) as image:
+    with open_image(path) as image:
         if not image.has_transparency_data:
             return np.asarray(image.convert("RGB"))
         pixels = np.asarray(image.convert("RGBA"), dtype=np.uint32)
@@ -72,7 +72,7 @@ def read_pixels(path: str | Path) -> U8:
 
 
 @contextmanager
-def opened_image(path: str | Path) -> Iterator[Image.Image]:
+def open_image(path: str | Path) -> Iterator[Image.Image]:
     """A picture file, its header read, and its pixels when they are asked for within.
 
     Raises:

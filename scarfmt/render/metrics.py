@@ -24,7 +24,7 @@ def psnr(a: NDArray[np.floating], b: NDArray[np.floating]) -> float:
         InvalidInput: the shapes differ.
     """
     _check_shapes(a, b)
-    error = float(np.mean((_clipped(a) - _clipped(b)) ** 2))
+    error = float(np.mean((_clip(a) - _clip(b)) ** 2))
     return math.inf if error == 0 else -10 * math.log10(error)
 
 
@@ -41,7 +41,7 @@ def ssim(a: NDArray[np.floating], b: NDArray[np.floating]) -> float:
         InvalidInput: the shapes differ.
     """
     _check_shapes(a, b)
-    a, b = _clipped(a), _clipped(b)
+    a, b = _clip(a), _clip(b)
     mean_a, mean_b = _window_mean(a), _window_mean(b)
     variance_a = _window_mean(a * a) - mean_a**2
     variance_b = _window_mean(b * b) - mean_b**2
@@ -68,7 +68,7 @@ def _mean_along(image: F64, axis: int) -> F64:
     return np.moveaxis(means, 0, axis)
 
 
-def _clipped(image: NDArray[np.floating]) -> F64:
+def _clip(image: NDArray[np.floating]) -> F64:
     return np.clip(image.astype(np.float64), 0.0, 1.0)
 
 

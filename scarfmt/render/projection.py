@@ -127,7 +127,7 @@ def project(
     """
     drawable = Drawable.of(scene)
     ready, library = drawable.scene, load()
-    fixed = None if colours is None else checked_colours(colours, len(ready))
+    fixed = None if colours is None else check_colours(colours, len(ready))
     found = drawable.near_picture(camera)
     count = len(found)
     gaussians = Scene(
@@ -145,7 +145,7 @@ def project(
     return Projected(splats[:seen], index[:seen], order[:seen])
 
 
-def checked_colours(colours: Floats, count: int) -> F32:
+def check_colours(colours: Floats, count: int) -> F32:
     """Colours as the renderer takes them: (count, 3) float32 in C order.
 
     Raises:

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from scarfmt.arrays import F32, F64, I64
 from scarfmt.render.camera import Camera
 from scarfmt.render.native.binding import BLEND, COLOUR, MEASURE, MEASURES, Job, load
-from scarfmt.render.projection import Drawable, Listing, address, addresses, checked_colours, list_tiles, project
+from scarfmt.render.projection import Drawable, Listing, address, addresses, check_colours, list_tiles, project
 from scarfmt.scene.gaussians import GaussianScene
 from scarfmt.threads import map_threads
 
@@ -42,7 +42,7 @@ def render(
         InvalidInput: `colours` has the wrong shape; ``input-dependency`` where the compiled renderer is missing.
     """
     splats = project(scene, camera, sh_degree, colours).splats
-    return _drawn(splats, list_tiles(splats, camera, numbered=False), camera, background)
+    return _draw(splats, list_tiles(splats, camera, numbered=False), camera, background)
 
 
 def render_with(scene: GaussianScene | Drawable, camera: Camera, colours: NDArray[np.floating]) -> tuple[F32, F32]:
@@ -58,15 +58,15 @@ def render_with(scene: GaussianScene | Drawable, camera: Camera, colours: NDArra
         InvalidInput: as :func:`render`.
     """
     drawable = Drawable.of(scene)
-    others = checked_colours(colours, len(drawable.scene))
+    others = check_colours(colours, len(drawable.scene))
     seen = project(drawable, camera)
     listing = list_tiles(seen.splats, camera, numbered=False)
-    own = _drawn(seen.splats, listing, camera, _BLACK)
+    own = _draw(seen.splats, listing, camera, _BLACK)
     seen.splats[:, COLOUR] = others[seen.index[seen.order]]
-    return own, _drawn(seen.splats, listing, camera, _BLACK)
+    return own, _draw(seen.splats, listing, camera, _BLACK)
 
 
-def _drawn(splats: F32, listing: Listing, camera: Camera, background: Sequence[float]) -> F32:
+def _draw(splats: F32, listing: Listing, camera: Camera, background: Sequence[float]) -> F32:
     """The picture of splats that are in tiles, (height, width, 3)."""
     image = np.empty((camera.height, camera.width, 3), dtype=np.float32)
     job = job_of(splats, listing, camera)
@@ -123,19 +123,19 @@ def contributions_by_view(
     """
     drawable = Drawable.of(scene)
 
-    def contributed(camera: Camera) -> Contributions:
+    def contribute(camera: Camera) -> Contributions:
         seen = project(drawable, camera, colours=colours)
-        measures = _measured(seen.splats, list_tiles(seen.splats, camera, numbered=True), camera)
+        measures = _measure(seen.splats, list_tiles(seen.splats, camera, numbered=True), camera)
         sums = np.empty_like(measures)
         sums[seen.order] = measures
         shown = np.flatnonzero(sums[:, 2] > 0)
         weight_sq, contrast_sq, weight_max = sums[shown].T
         return Contributions(seen.index[shown].astype(np.int64), weight_sq, weight_max, contrast_sq)
 
-    yield from map_threads(contributed, cameras)
+    yield from map_threads(contribute, cameras)
 
 
-def _measured(splats: F32, listing: Listing, camera: Camera) -> F64:
+def _measure(splats: F32, listing: Listing, camera: Camera) -> F64:
     """(S, 3) sums over the picture of w^2 and of w^2 |c - c_behind|^2 of each splat, and its largest w."""
     job, parts = job_of(splats, listing, camera), len(listing.owners)
     weights, drawn = np.empty(parts, np.float32), np.empty(job.tiles, np.int32)

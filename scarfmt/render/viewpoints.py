@@ -56,7 +56,7 @@ class Upright:
     given: bool = False
 
 
-def resolved(scene: GaussianScene, frame: str) -> Upright:
+def resolve_frame(scene: GaussianScene, frame: str) -> Upright:
     """The up direction that `frame` names; for :data:`AUTO`, the one the scene is described by, or else found in it."""
     named = scene.description.up_axis if frame == AUTO else frame
     return upright(scene) if named is None else Upright(named, given=True)
@@ -157,10 +157,10 @@ class Surroundings:
         Raises:
             InvalidInput: ``input-frame``; ``input-empty`` if no position is finite.
         """
-        arc = Arc.parse(resolved(scene, frame).up)
+        arc = Arc.parse(resolve_frame(scene, frame).up)
         axes = upward_axes(arc.up)
         middle, half = core(scene, axes[2])
-        places = occupied(scene.positions[np.isfinite(scene.positions).all(axis=1)], float(np.linalg.norm(half)))
+        places = choose_occupied(scene.positions[np.isfinite(scene.positions).all(axis=1)], float(np.linalg.norm(half)))
         return Surroundings(middle, half, axes, places, arc)
 
     @property
@@ -180,7 +180,7 @@ class Surroundings:
         return look_at(eye, target, self.axes[2], WIDTH, HEIGHT, FOV_DEG, name, min(NEAR, _NEAR_PART * self.radius))
 
 
-def occupied(positions: F64, radius: float) -> F64:
+def choose_occupied(positions: F64, radius: float) -> F64:
     """(n, 3) some of the (N, 3) positions, in Morton order: of a cell that holds many, about the square root of that.
 
     Evenly spaced among these, a few reach every region, and crowded ones more often.

@@ -40,7 +40,7 @@ def spherical_harmonics_from_colour(colours: Floats) -> Floats:
     return np.stack([y - green + orange, y + green, y - green - orange], axis=1)
 
 
-def activated(values: Mapping[Stream, Floats], count: int, dtype: type) -> tuple[Floats, F64, Floats]:
+def activate(values: Mapping[Stream, Floats], count: int, dtype: type) -> tuple[Floats, F64, Floats]:
     """Quaternions, opacity logits and degree-0 coefficients of explicit anchors (SPEC §9.3, §9.4).
 
     Args:

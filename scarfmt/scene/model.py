@@ -154,11 +154,11 @@ class SceneModel:
 
     @cached_property
     def _stage_tables(self) -> list[I64]:
-        return [_padded([[s] for s in row.stages]) for row in self.layers]
+        return [_pad([[s] for s in row.stages]) for row in self.layers]
 
     @cached_property
     def _step_tables(self) -> list[I64]:
-        return [_padded(row.steps) for row in self.layers]
+        return [_pad(row.steps) for row in self.layers]
 
     def stages(self, layer: int, classes: I64) -> I64:
         """(n,) RVQ stages of anchors of `classes` after `layer`; 0 before their class appears."""
@@ -234,7 +234,7 @@ def first_neural_layer(model: SceneModel) -> int | None:
     return next((number for number, row in enumerate(model.layers, start=1) if row.neural), None)
 
 
-def _padded(rows: object) -> I64:
+def _pad(rows: object) -> I64:
     """Rows of the classes present, then zeros for those still to come."""
     table = np.array(rows, np.int64)
     return np.concatenate([table, np.zeros((MAX_CLASSES + 1 - len(table), table.shape[1]), np.int64)])

@@ -44,7 +44,7 @@ def sh_basis(directions: F64, degree: int) -> F64:
     return np.stack(out, axis=-1)
 
 
-def turned(rotation: F64, degree: int) -> F64:
+def turn_bands(rotation: F64, degree: int) -> F64:
     """(2 * degree + 1, 2 * degree + 1) float64: what takes the coefficients of one degree with a rotation.
 
     Functions of a degree, turned, are functions of that degree: their values in enough directions say which.
@@ -134,7 +134,7 @@ class Placement:
 
     @cached_property
     def _bands(self) -> list[F64]:
-        return [turned(self.rotation, degree) for degree in range(4)]
+        return [turn_bands(self.rotation, degree) for degree in range(4)]
 
     def _harmonics(self, sh: F32) -> F32:
         """(N, (degree + 1)^2, 3) coefficients that give towards `rotation` @ d what they gave towards d."""
@@ -198,10 +198,10 @@ def place_scene(scene: GaussianScene, matrix: F64) -> GaussianScene:
     except np.linalg.LinAlgError as error:
         raise ValueError(str(error)) from error
     with np.errstate(over="ignore", invalid="ignore"):  # what overflows is not finite, which a later check reports
-        return placement.scene(scene if uniform else _stretched(scene, lengths))
+        return placement.scene(scene if uniform else _stretch(scene, lengths))
 
 
-def _stretched(scene: GaussianScene, lengths: F64) -> GaussianScene:
+def _stretch(scene: GaussianScene, lengths: F64) -> GaussianScene:
     """The scene scaled along each axis: ellipsoids become other ellipsoids, colours stay."""
     log_scales = scene.log_scales.astype(np.float64)
     # As matrices of moderate size, so that neither tiny nor huge ellipsoids leave the range of float64.

@@ -66,7 +66,7 @@ class Plan:
         return len(front) + int(self.rows["length"].sum(dtype=np.uint64))
 
 
-def ordered(rows: Table, origin: I64) -> tuple[Table, I64]:
+def order_rows(rows: Table, origin: I64) -> tuple[Table, I64]:
     """Rows and their origins in the order of a file."""
     order = np.argsort(sort_keys(rows), kind="stable")
     return rows[order], origin[order]

@@ -34,7 +34,7 @@ from scarfmt.container.substreams import RECORD_SIZE, check_substream, unpack_ta
 from scarfmt.errors import ScarError
 from scarfmt.limits import DEFAULT_LIMITS
 from scarfmt.tools.directory_fields import ROOT, ROW_PAGE, TILE_PAGE
-from scarfmt.tools.fields import SHOWN_ITEMS, FieldRows, Row, moved, rest, shown
+from scarfmt.tools.fields import SHOWN_ITEMS, FieldRows, Row, move, rest, show
 from scarfmt.tools.validate import open_damaged
 
 _NAMED: dict[str, type[IntEnum]] = {
@@ -79,20 +79,20 @@ class Dump:
         container = open_damaged(self._source, self.refusals.append, DEFAULT_LIMITS)
         past = size
         if container is None:
-            yield from self._wanted(self._front(min(size, FILE_HEADER_SIZE)))
+            yield from self._choose(self._front(min(size, FILE_HEADER_SIZE)))
             past = min(size, FILE_HEADER_SIZE)
         else:
             header = container.header
-            yield from self._wanted(self._front(min(size, header.header_length)))
+            yield from self._choose(self._front(min(size, header.header_length)))
             past = min(size, header.header_length)
             if self._loads(container):
-                yield from self._wanted(self._directory(container))
+                yield from self._choose(self._directory(container))
                 yield from self._blocks(container)
                 past = min(size, header.file_length)
         if past < size:
-            yield from self._wanted(iter([Row(past, size - past, "not read", "", "5")]))
+            yield from self._choose(iter([Row(past, size - past, "not read", "", "5")]))
 
-    def _wanted(self, rows: Iterator[Row]) -> Iterator[Row]:
+    def _choose(self, rows: Iterator[Row]) -> Iterator[Row]:
         return rows if self._kinds is None else iter(())
 
     def _loads(self, container: Container) -> bool:
@@ -120,7 +120,7 @@ class Dump:
         """ROOT and pages; of many pages the first few, unless all are wanted."""
         header, root = container.header, container.root
         sizes = {"layer_count": header.layer_count, "page_count": header.page_count}
-        yield from self._declared(ROOT, header.header_length, header.root_length, "root", "5.4", **sizes)
+        yield from self._list_fields(ROOT, header.header_length, header.root_length, "root", "5.4", **sizes)
         for table, size, kind, record in (
             (root.pages, "tile_bytes", "tile page", TILE_PAGE),
             (root.rows, "row_bytes", "row page", ROW_PAGE),
@@ -130,18 +130,18 @@ class Dump:
                 layer, number = ("", number) if kind == "tile page" else (f"layer {page['layer']} ", int(page["page"]))
                 tiles = len(header.page_range(number))
                 place = int(page["offset"]), int(page[size])
-                yield from self._declared(record, *place, f"{layer}{kind} {number}", "5.5", tiles=tiles)
+                yield from self._list_fields(record, *place, f"{layer}{kind} {number}", "5.5", tiles=tiles)
             if each < len(table):
                 left = table[each:]
                 yield Row(int(left["offset"][0]), total(left[size]), f"{kind}s: {len(left)} more", "", "5.5")
 
-    def _declared(
+    def _list_fields(
         self, record: Record, offset: int, length: int, name: str, section: str, **parameters: Any
     ) -> Iterator[Row]:
         """The fields of some bytes of the file that are known to be sound."""
         trace = FieldRows(name, section, self._full)
         read(record, self._source.read(offset, length), name, trace, **parameters)
-        return moved(trace.rows, offset)
+        return move(trace.rows, offset)
 
     def _blocks(self, container: Container) -> Iterator[Row]:
         budget = NumberBudget(container.header.file_length, DEFAULT_LIMITS)
@@ -156,16 +156,16 @@ class Dump:
                     pass
                 held.append(Row(entry.offset, entry.length, block_name(entry), "", "7.1"))
                 continue
-            yield from self._merged(held)
+            yield from self._merge(held)
             held = []
             if self._kinds is None or entry.kind in self._kinds:
                 yield from rows
             else:
                 for _ in rows:
                     pass
-        yield from self._merged(held)
+        yield from self._merge(held)
 
-    def _merged(self, held: list[Row]) -> Iterator[Row]:
+    def _merge(self, held: list[Row]) -> Iterator[Row]:
         """One row for neighbouring blocks that are not shown one by one."""
         if held and (self._kinds is None or BlockKind.TILE in self._kinds):
             start = held[0].offset
@@ -190,16 +190,16 @@ class Dump:
         if entry.kind == BlockKind.TILE:
             rows = self._tile(entry, payload, name)
         elif spec is None:
-            rows = iter([Row(0, len(payload), name, shown(payload, self._full), "5.6")])
+            rows = iter([Row(0, len(payload), name, show(payload, self._full), "5.6")])
         elif isinstance(spec.declaration, NumberRecord):
             rows = self._numbers(entry, payload, spec, budget)
         else:
             rows = self._fields(entry, payload, spec, budget)
-        yield from moved(rows, entry.offset)
+        yield from move(rows, entry.offset)
 
     def _numbers(self, entry: Entry, payload: bytes, spec: BlockSpec, budget: NumberBudget) -> Iterator[Row]:
         """A row for the stream, then those of its numbers."""
-        yield Row(0, len(payload), f"{block_name(entry)}.numbers", shown(payload, self._full), "8.5")
+        yield Row(0, len(payload), f"{block_name(entry)}.numbers", show(payload, self._full), "8.5")
         rows = self._fields(entry, payload, spec, budget)
         yield from (replace(row, content=True) for row in rows)
 
@@ -241,13 +241,13 @@ class Dump:
             for kind, part in table.items():
                 data = payload[part.start : part.start + part.length]
                 self._attempt(entry, partial(check_substream, kind, part, data))
-                rows += moved(self._words(data, f"{name}.{kind.name}"), part.start)
+                rows += move(self._words(data, f"{name}.{kind.name}"), part.start)
         return rest(rows, len(payload), name, "7.1")
 
     def _words(self, data: bytes, name: str) -> Iterator[Row]:
         state = min(_STATE_BYTES, len(data))
         if len(data) > state:
-            yield Row(0, len(data) - state, f"{name}.words", shown(data[:-state], self._full), "8.2")
+            yield Row(0, len(data) - state, f"{name}.words", show(data[:-state], self._full), "8.2")
         yield Row(len(data) - state, state, f"{name}.state", f"0x{int.from_bytes(data[-state:], 'little'):X}", "8.2")
 
     def _attempt(self, entry: Entry, act: Any) -> bool:

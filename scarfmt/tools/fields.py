@@ -36,7 +36,7 @@ class Row:
     content: bool = False
 
 
-def shown(value: Any, full: bool) -> Any:
+def show(value: Any, full: bool) -> Any:
     """A value as rows have it: of arrays and bytes the beginning, unless `full`."""
     if isinstance(value, bytes):
         text = value if full or len(value) <= 2 * SHOWN_NUMBERS else value[: 2 * SHOWN_NUMBERS]
@@ -115,7 +115,7 @@ class FieldRows:
             self._add(*item.held, name, f"{item.items} more")
 
     def _add(self, start: int, past: int, path: str, value: Any) -> None:
-        self.rows.append(Row(start, past - start, path, shown(value, self.full), self.section))
+        self.rows.append(Row(start, past - start, path, show(value, self.full), self.section))
 
 
 def rest(rows: list[Row], length: int, name: str, section: str) -> Iterator[Row]:
@@ -126,6 +126,6 @@ def rest(rows: list[Row], length: int, name: str, section: str) -> Iterator[Row]
         yield Row(past, length - past, f"{name}: not read", "", section)
 
 
-def moved(rows: Iterable[Row], offset: int) -> Iterator[Row]:
+def move(rows: Iterable[Row], offset: int) -> Iterator[Row]:
     """Rows of a part, with offsets in what it is a part of; those of adaptive numbers stay."""
     return (row if row.content else replace(row, offset=row.offset + offset) for row in rows)

@@ -20,7 +20,7 @@ from scarfmt.container.schema import ENTRY_DTYPE, BlockKind, Stream
 from scarfmt.container.source import ByteSource
 from scarfmt.errors import InvalidInput
 from scarfmt.limits import MAX_TILE_DEPTH
-from scarfmt.tools.assemble import Plan, entry_of, ordered, pieces
+from scarfmt.tools.assemble import Plan, entry_of, order_rows, pieces
 
 _BOXES = ("low", "high", "reach")
 _SUMMARY = ("kind", "flags", "layer", "length", "count", "crc32")
@@ -44,10 +44,10 @@ def merge_to(sources: Sequence[ByteSource], target: BinaryIO) -> int:
         Malformed, Truncated, Unsupported, LimitExceeded: what :class:`~scarfmt.container.file.Container` refuses.
     """
     files = [Container(source) for source in sources]
-    return merged(files).write(files, target)
+    return plan_merge(files).write(files, target)
 
 
-def merged(files: Sequence[Container]) -> Plan:
+def plan_merge(files: Sequence[Container]) -> Plan:
     """The file of all tiles of some files. Arguments and errors as :func:`merge_to`."""
     fields = _fields(files)
     for number in range(1, len(files)):
@@ -68,7 +68,7 @@ def merged(files: Sequence[Container]) -> Plan:
     if made is not None:
         rows.append(np.array([directory_row(made)], ENTRY_DTYPE))
         origins.append(np.array([-1]))
-    table, origin = ordered(np.concatenate(rows), np.concatenate(origins))
+    table, origin = order_rows(np.concatenate(rows), np.concatenate(origins))
     return Plan(fields, tiles[order], table, origin, [] if made is None else [made.payload], *_sums(files, table))
 
 

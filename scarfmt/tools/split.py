@@ -20,7 +20,7 @@ from scarfmt.container.schema import ENTRY_DTYPE, STREAM_COUNT, BlockKind, Profi
 from scarfmt.container.source import ByteSource
 from scarfmt.container.substreams import MAX_TABLE_SIZE, unpack_table
 from scarfmt.errors import InvalidInput, plural
-from scarfmt.tools.assemble import Plan, entry_of, ordered
+from scarfmt.tools.assemble import Plan, entry_of, order_rows
 from scarfmt.tools.merge import model_bytes
 
 
@@ -99,7 +99,7 @@ def _part(reader: SceneReader, tiles: I64, source_count: int) -> Plan:
         streams[layer][Stream.MODELS] = models
     fields = replace(container.header.fields, source_count=source_count)
     counts = _counts(reader, tiles, own)
-    return Plan(fields, container.tile_table[tiles], *ordered(table, origin), made, counts, streams)
+    return Plan(fields, container.tile_table[tiles], *order_rows(table, origin), made, counts, streams)
 
 
 def _stream_bytes(container: Container, rows: Table) -> list[list[int]]:

@@ -57,7 +57,7 @@ def truncate_to(source: ByteSource, layers: int, target: BinaryIO, *, limits: Li
         raise Truncated("truncated-block", message, offset=source.size)
     container.load(layers)
     rows = np.concatenate([container.rows(layer) for layer in range(1, layers + 1)])
-    keep = _kept(rows, layers == header.layer_count)
+    keep = _choose_kept(rows, layers == header.layer_count)
     front = _front(container, layers, rows, keep)
     target.write(front)
     for row in rows[keep].tolist():
@@ -65,7 +65,7 @@ def truncate_to(source: ByteSource, layers: int, target: BinaryIO, *, limits: Li
     return len(front) + int(rows["length"][keep].sum(dtype=np.uint64))
 
 
-def _kept(rows: Table, whole: bool) -> Bools:
+def _choose_kept(rows: Table, whole: bool) -> Bools:
     """(E,) bool: entries that stay. Unknown critical kinds were refused before."""
     copyable = np.isin(rows["kind"], sorted(READABLE_KINDS)) | (rows["flags"] & BlockFlag.SAFE_TO_COPY != 0)
     return np.asarray(copyable | whole)

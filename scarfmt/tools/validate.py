@@ -16,7 +16,7 @@ import numpy as np
 from scarfmt.blocks.metadata import check_registered, read_metadata
 from scarfmt.blocks.registry import BLOCKS
 from scarfmt.blocks.spec import Reading
-from scarfmt.blocks.streaming import check_place, checked_streaming
+from scarfmt.blocks.streaming import check_place, check_streaming
 from scarfmt.coding.models import NOTHING_OPENED, SceneModels
 from scarfmt.coding.reader import SceneReader, table_of
 from scarfmt.coding.tile import TileContent
@@ -249,7 +249,7 @@ class _Check:
         """Check the STREAMING block, which decodes nothing: its faults come after all others and exclude nothing."""
         try:
             check_place(entry)
-            found = checked_streaming(self._container, entry, payload)
+            found = check_streaming(self._container, entry, payload)
             self._count_elements(entry, found.tiles)
         except ScarError as error:
             self._miscounted.append(error)

@@ -84,7 +84,7 @@ def _is_loopback(host: str | None) -> bool:
     return (getattr(address, "ipv4_mapped", None) or address).is_loopback
 
 
-def _named_host(header: str) -> str | None:
+def _parse_host(header: str) -> str | None:
     """The host of a `Host` header; None for one that names none."""
     try:
         return urlsplit(f"//{header}").hostname
@@ -113,7 +113,7 @@ class _Handler(BaseHTTPRequestHandler):
             offer = self.server.offers.get(quote(unquote(urlsplit(self.path).path)))
         except ValueError:  # no URL
             offer = None
-        if self.server.loopback_alone and not _is_loopback(_named_host(self.headers.get("Host", ""))):
+        if self.server.loopback_alone and not _is_loopback(_parse_host(self.headers.get("Host", ""))):
             self.send_error(HTTPStatus.MISDIRECTED_REQUEST, "this server answers to names of this machine alone")
         elif offer is None:
             self.send_error(HTTPStatus.NOT_FOUND)

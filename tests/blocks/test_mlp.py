@@ -15,7 +15,7 @@ def network(seed: int, widths: list[int], bits: int = 8) -> QuantisedMlp:
     rng = np.random.default_rng(seed)
     return QuantisedMlp(
         tuple(
-            Linear.quantised(rng.normal(size=(rows, columns)), rng.normal(size=rows), bits)
+            Linear.quantise(rng.normal(size=(rows, columns)), rng.normal(size=rows), bits)
             for columns, rows in itertools.pairwise(widths)
         )
     )
@@ -36,7 +36,7 @@ def test_quantised_weights_are_within_half_a_step(bits: int) -> None:
     """Each row on its own scale; rows of zeros stay zero."""
     rng = np.random.default_rng(2)
     weights = rng.normal(size=(5, 7)) * np.array([1e-3, 1, 1e3, 0, 1e-12])[:, None]
-    found = Linear.quantised(weights, np.zeros(5), bits)
+    found = Linear.quantise(weights, np.zeros(5), bits)
     assert bool((np.abs(found.matrix - weights) <= 0.5001 * found.scales[:, None]).all())
     top = np.abs(weights).max(axis=1)
     assert np.allclose(found.scales, np.maximum(top, 1e-30) / ((1 << bits - 1) - 1), rtol=1e-6)

@@ -14,13 +14,13 @@ import pytest
 from click.testing import CliRunner
 
 import scarfmt.cli
-from conformance.surgery.parts import flipped
+from conformance.surgery.parts import flip_bits
 from scarfmt import __version__
 from scarfmt.cli import COMMANDS, load
 from scarfmt.cli.failures import FailureGroup, requires_extra
 from scarfmt.cli.files import open_output
 from scarfmt.errors import InvalidInput
-from scarfmt.native.binding import described
+from scarfmt.native.binding import describe
 from tests.cli.conftest import python, run, shell
 
 HEAVY = ["torch", "numba", "scipy", "plyfile", "fsspec", "aiohttp", "rich", "PIL"]
@@ -29,7 +29,7 @@ HEAVY = ["torch", "numba", "scipy", "plyfile", "fsspec", "aiohttp", "rich", "PIL
 def test_version() -> None:
     first, second = run("-V").stdout.splitlines()
     assert __version__ in first
-    assert second == f"engine: {described()}"
+    assert second == f"engine: {describe()}"
 
 
 def test_help_of_a_command_by_either_name() -> None:
@@ -161,7 +161,7 @@ def test_an_existing_output_is_kept_unless_forced(explicit_scar: Path, tmp_path:
 def test_a_failure_on_the_way_leaves_nothing_behind(explicit_scar: Path, tmp_path: Path) -> None:
     (tmp_path / "in").mkdir()
     damaged = tmp_path / "in" / "damaged.scar"
-    damaged.write_bytes(flipped(explicit_scar.read_bytes(), -2))
+    damaged.write_bytes(flip_bits(explicit_scar.read_bytes(), -2))
     assert run("truncate", damaged, tmp_path / "out.scar", "--layers", 3).exit_code == 1
     assert [path.name for path in tmp_path.iterdir()] == ["in"]
 

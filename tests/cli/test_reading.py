@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 from PIL import Image
 
-from conformance.surgery.parts import flipped
+from conformance.surgery.parts import flip_bits
 from fuzz.testing.scenes import random_scene
 from scarfmt.coding.writer import assemble_file, code_blocks, write_scene
 from scarfmt.container.file import Block, write_container
@@ -123,7 +123,7 @@ def test_validate_says_valid(explicit_scar: Path) -> None:
 
 
 def test_validate_prints_each_fault_with_its_place(explicit_scar: Path) -> None:
-    result = run("validate", "-", input=flipped(explicit_scar.read_bytes(), -2))
+    result = run("validate", "-", input=flip_bits(explicit_scar.read_bytes(), -2))
     assert result.exit_code == 1
     assert result.stderr.startswith("error: crc-mismatch @ ")
     assert "not valid" in result.stderr

@@ -15,7 +15,7 @@ import pytest
 import scarfmt
 from reference_encoder.training.capture import Capture
 from reference_encoder.training.options import LayerQuality, Progress, Suspended, Trained, TrainOptions, never
-from scarfmt.cli.train import _described
+from scarfmt.cli.train import _describe
 from scarfmt.errors import InvalidInput
 from tests.cli.conftest import python, run
 from tests.reference_encoder.training import captures
@@ -142,8 +142,8 @@ def test_a_slice_leaves_off_with_its_checkpoint_and_says_how_to_go_on(
 
 
 def test_progress_says_where_training_stands() -> None:
-    assert _described(NOW) == "grow · 1,200/12,000 · 27.31 dB · 512 kB · 38,201 anchors"
-    assert _described(Progress(0, 9, 0, 30.4, "warm up", None, None, 5, 5, 1.0)).endswith("0/9 · 5 anchors")
+    assert _describe(NOW) == "grow · 1,200/12,000 · 27.31 dB · 512 kB · 38,201 anchors"
+    assert _describe(Progress(0, 9, 0, 30.4, "warm up", None, None, 5, 5, 1.0)).endswith("0/9 · 5 anchors")
 
 
 _INTERRUPTED = """

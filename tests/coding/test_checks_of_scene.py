@@ -102,7 +102,7 @@ def _reordered(content: TileContent, order: np.ndarray) -> TileContent:
 
 
 def network(inputs: int, outputs: int) -> QuantisedMlp:
-    return QuantisedMlp((Linear.quantised(np.ones((outputs, inputs)), np.zeros(outputs)),))
+    return QuantisedMlp((Linear.quantise(np.ones((outputs, inputs)), np.zeros(outputs)),))
 
 
 def test_models_no_reader_would_accept_are_not_written() -> None:

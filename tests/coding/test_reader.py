@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from conformance.surgery.files import blocks_of, rebuilt
-from conformance.surgery.parts import flipped
+from conformance.surgery.parts import flip_bits
 from fuzz.testing.scenes import random_scene
 from fuzz.testing.strategies import quantised_scenes
 from scarfmt.coding.reader import ALL_STREAMS, SceneReader
@@ -115,7 +115,7 @@ def test_damage_to_one_tile_does_not_keep_back_those_before_it() -> None:
     """Tiles are read in one request, but verified one by one."""
     data = write_scene(random_scene(8, anchors=900, layers=1, tiles=5))
     last = Container(BytesSource(data)).find(BlockKind.TILE, 1, 4)
-    reader = opened(flipped(data, last.offset))
+    reader = opened(flip_bits(data, last.offset))
     tiles = reader.tiles(reader.models())
     assert [next(tiles)[0] for _ in range(4)] == [0, 1, 2, 3]
     with pytest.raises(Malformed) as caught:
@@ -133,7 +133,7 @@ def test_damage_is_noticed_whether_a_block_is_read_whole_or_in_part() -> None:
     """The block's checksum in one case, the sub-stream's in the other; damage elsewhere does not matter."""
     container = Container(BytesSource(DATA))
     entry = next(e for e in container.entries if e.kind == BlockKind.TILE and e.length > 60)
-    reader = opened(flipped(DATA, entry.end - 1))
+    reader = opened(flip_bits(DATA, entry.end - 1))
     models = reader.models()
     refuses("crc-mismatch", lambda: list(reader.tiles(models)), kind=Malformed)
     last = max(unpack_table(container.read_block(entry), entry.length))

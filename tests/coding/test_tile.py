@@ -6,7 +6,7 @@ import numpy as np
 
 from fuzz.testing.scenes import random_scene
 from scarfmt.blocks.tables import fit_table
-from scarfmt.coding.tile import TileContent, get_layer, needed_streams, put_layer
+from scarfmt.coding.tile import TileContent, find_needed, get_layer, put_layer
 from scarfmt.container.directory import TileFrame
 from scarfmt.container.schema import Profile, Stream
 from scarfmt.entropy.emitters import SymbolCounter, SymbolWriter
@@ -28,7 +28,7 @@ def four_channels() -> SceneModel:
 
 def test_without_predictors_nothing_but_what_is_wanted_is_needed() -> None:
     wanted = {Stream.OPACITY, Stream.ROTATION}
-    assert needed_streams(four_channels(), wanted) == wanted
+    assert find_needed(four_channels(), wanted) == wanted
 
 
 def test_the_head_of_a_tile_is_the_tile_itself() -> None:

@@ -12,7 +12,7 @@ from fuzz.testing.neural_scenes import neural_scene
 from fuzz.testing.scenes import random_scene
 from reference_decoder.decode import decode
 from scarfmt.coding.reader import SceneReader
-from scarfmt.coding.work import NumberBudget, declared_work
+from scarfmt.coding.work import NumberBudget, compute_work
 from scarfmt.coding.writer import QuantisedScene, write_scene
 from scarfmt.container.schema import Profile
 from scarfmt.container.source import BytesSource
@@ -27,7 +27,7 @@ def work_of(data: bytes, layers: int | None = None) -> int:
     """Declared work of a file's first layers."""
     reader = SceneReader(BytesSource(data), limits=FORMAT_LIMITS)
     models = reader.models(layers)
-    return declared_work(models, *reader.extent(len(models.model.layers), np.arange(reader.header.tile_count)))
+    return compute_work(models, *reader.extent(len(models.model.layers), np.arange(reader.header.tile_count)))
 
 
 @pytest.mark.parametrize("profile", Profile)

@@ -9,11 +9,11 @@ from typing import Any
 
 import pytest
 from jsonschema import Draft202012Validator
-from scarfmt_conformance.archive import expectation, names, unpacked
+from scarfmt_conformance.archive import expectation, names, unpack
 
 from conformance.decoders.python.answers import EXACT
 from conformance.expect.features import RULES
-from conformance.generate import ROOT, generated, same, written
+from conformance.generate import ROOT, generate, list_written, same
 
 
 def manifest() -> dict[str, Any]:
@@ -44,8 +44,8 @@ def test_every_expectation_keeps_its_schema() -> None:
 
 def test_the_generator_makes_exactly_the_files_committed() -> None:
     """Nothing is edited by hand, nothing is left over."""
-    files, _ = generated([])
-    there = written()
+    files, _ = generate([])
+    there = list_written()
     assert [name for name, content in files.items() if not same(name, there.get(name), content)] == []
     assert set(there) == set(files)
 
@@ -59,7 +59,7 @@ def test_features_that_stand_for_rules_occur() -> None:
 @pytest.fixture(scope="module")
 def suite() -> Iterator[Path]:
     """The suite as files."""
-    with unpacked(ROOT) as folder:
+    with unpack(ROOT) as folder:
         yield folder
 
 

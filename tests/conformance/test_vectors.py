@@ -21,7 +21,7 @@ from conformance.decoders.python.decoder import Decoder
 from conformance.decoders.python.front import Limits
 from conformance.decoders.python.work import Work
 from scarfmt.coding.reader import SceneReader
-from scarfmt.coding.work import declared_work
+from scarfmt.coding.work import compute_work
 from scarfmt.container.source import BytesSource, open_source
 from scarfmt.limits import FORMAT_LIMITS
 from scarfmt.native.binding import absence
@@ -102,7 +102,7 @@ def test_the_work_of_the_reference_is_that_of_the_specification(class_: str) -> 
                 models = reader.models(layer["layer"])
                 declared = reader.extent(layer["layer"], np.arange(reader.header.tile_count))
                 readable_file = Decoder(read(name), layer["layer"], UNLIMITED)
-                if declared_work(models, *declared) != Work(readable_file).total():
+                if compute_work(models, *declared) != Work(readable_file).total():
                     wrong.append((name, layer["layer"]))
     assert not wrong
 

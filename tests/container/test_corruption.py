@@ -45,7 +45,7 @@ def tiny_scene(profile: Profile) -> QuantisedScene:
 
 def _net(*widths: int) -> QuantisedMlp:
     pairs = itertools.pairwise(widths)
-    return QuantisedMlp(tuple(Linear.quantised(np.ones((rows, columns)), np.zeros(rows)) for columns, rows in pairs))
+    return QuantisedMlp(tuple(Linear.quantise(np.ones((rows, columns)), np.zeros(rows)) for columns, rows in pairs))
 
 
 SMALL = {profile: write_scene(tiny_scene(profile)) for profile in Profile}

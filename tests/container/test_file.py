@@ -13,7 +13,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from conformance.surgery.parts import flipped
+from conformance.surgery.parts import flip_bits
 from scarfmt.container.file import Block, Container, HeaderFields, Tile, write_container
 from scarfmt.container.header import header_length
 from scarfmt.container.schema import BlockKind, ColourSpace, CoordinateFrame, Profile, Stream
@@ -191,7 +191,7 @@ def test_unknown_ancillary_blocks_are_no_obstacle(kind: int) -> None:
 
 def test_an_unverified_read_returns_damaged_bytes() -> None:
     """verify=False is for callers with their own check, such as a range read."""
-    damaged = flipped(BASE, -2)
+    damaged = flip_bits(BASE, -2)
     container = Container(BytesSource(damaged))
     assert container.read_block(container.entries[-1], verify=False) == damaged[-7:]
 

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 
-from conformance.surgery.parts import flipped
+from conformance.surgery.parts import flip_bits
 from scarfmt.container.file import Container, Entry, encode_front, read_header
 from scarfmt.container.paged import AT_ONCE_BYTES
 from scarfmt.container.schema import ENTRY_DTYPE, NO_TILE, TILE_DTYPE, BlockKind, Stream
@@ -169,7 +169,7 @@ def test_pages_beside_damage_can_be_used() -> None:
     """A page that is not needed is not read, so it is not refused either (R-5.5-11)."""
     container, _ = opened()
     page = container.root.rows[container.root.row_page(1, 30)]
-    container = Container(Sparse(flipped(scene().front, int(page["offset"]) + 9)))
+    container = Container(Sparse(flip_bits(scene().front, int(page["offset"]) + 9)))
     assert container.find(BlockKind.TILE, 1, 29 * PAGE) == _entry(1, 29 * PAGE)
     assert container.find(BlockKind.TILE, 3, 30 * PAGE) == _entry(3, 30 * PAGE)
     with pytest.raises(Malformed) as caught:

@@ -76,12 +76,12 @@ def test_a_recorder_codes_rows_as_soon_as_it_settles() -> None:
     writer.emit_rows(weights, symbols)
     recorder = SymbolRecorder(SymbolCounter())
     recorder.emit_rows(weights, symbols)
-    assert recorder.settled().code({}) == writer.finish()
+    assert recorder.settle().code({}) == writer.finish()
     mixed = SymbolRecorder(SymbolCounter())
     mixed.emit_rows(weights, symbols)
     mixed.emit_uniform(4, symbols)
     with pytest.raises(InvalidInput):
-        mixed.settled()
+        mixed.settle()
 
 
 def test_a_missing_table_is_named_and_only_when_needed() -> None:
@@ -128,7 +128,7 @@ def test_what_is_recorded_is_counted_as_each_group_is(calls: list[tuple[tuple[In
             recorder = SymbolRecorder(mixed)
             recorder.emit_uniform(4, values[:1] & 3)
             recorder.emit_by_context(KEY, contexts, values)
-            recorder.settled()
+            recorder.settle()
         else:
             one_by_one(mixed, contexts, values)
     same_histograms(mixed, plain)
@@ -144,7 +144,7 @@ def test_counting_goes_on_where_more_symbols_differ_than_there_is_room_for(wide:
         recorder = SymbolRecorder(counter)
         for part in np.split(np.arange(1 << 15), 4):
             recorder.emit_by_context(KEY, contexts[part], values[part])
-        recorder.settled()
+        recorder.settle()
         plain.emit_by_context(KEY, contexts, values)
     same_histograms(counter, plain)
 
@@ -167,7 +167,7 @@ def test_writers_and_recorders_of_many_groups(calls: list[tuple[Ints, Ints]]) ->
     for contexts, values in calls:
         recorder.emit_by_context(KEY, contexts, values)
         recorder.emit_uniform(4096, values & 4095)
-    recorded = recorder.settled()
+    recorded = recorder.settle()
     known = {key: fit_table(*histogram) for key, histogram in counter.histograms().items()}
     writer = SymbolWriter(known)
     for contexts, values in calls:
@@ -187,6 +187,6 @@ def test_symbols_without_a_place_in_a_table_are_not_coded(table: dict[TableKey, 
     """They would be coded as others."""
     recorder, writer = SymbolRecorder(SymbolCounter()), SymbolWriter(table)
     recorder.emit(KEY, np.array([1, 3]))
-    recorded = recorder.settled()
+    recorded = recorder.settle()
     refuses("input-symbol", lambda: writer.emit(KEY, np.array([1, 3])))
     refuses("input-symbol", lambda: recorded.code(table))

@@ -17,7 +17,7 @@ from scarfmt.entropy.rans import (
     FrequencyTable,
     RansDecoder,
     RansEncoder,
-    cached_uniform,
+    make_uniform,
     uniform_table,
 )
 from scarfmt.errors import InvalidInput, Malformed
@@ -218,8 +218,8 @@ def test_cost_is_that_of_the_stream() -> None:
 def test_uniform_tables_kept_are_few() -> None:
     """All 4095 sizes with their models would hold more than 200 MiB."""
     for size in range(2, 4097, 7):
-        assert len(cached_uniform(size)) == size
-    assert cached_uniform.cache_info().currsize <= 128
+        assert len(make_uniform(size)) == size
+    assert make_uniform.cache_info().currsize <= 128
 
 
 @settings(deadline=None, max_examples=60)

@@ -18,7 +18,7 @@ from conformance.decoders.python import answers as readable
 from conformance.decoders.python.fields import Rans, Refused, Table, cumulative
 from conformance.writer.file import write_file
 from fuzz.corpus import corpus
-from fuzz.target import decoded_by
+from fuzz.target import decode_by
 from fuzz.testing.mutators import mutate
 from fuzz.testing.neural_scenes import neural_scene
 from fuzz.testing.scenes import random_scene
@@ -89,7 +89,7 @@ def test_the_readable_decoder_refuses_damaged_files_alike() -> None:
     differ = []
     for seed in range(150):
         mutant = mutate(datas[7 * seed % len(datas)], seed, datas)
-        wanted = decoded_by(mutant.data, native=False)
+        wanted = decode_by(mutant.data, native=False)
         wanted = "" if _HASH.fullmatch(wanted) else wanted
         found = readable.answer(mutant.data, 0, "integers").get("refused", "")
         if wanted != found:

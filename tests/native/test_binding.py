@@ -14,7 +14,7 @@ from typing import Any
 import pytest
 from scarfmt_conformance.archive import read
 
-from scarfmt.native.binding import Absent, library, opened
+from scarfmt.native.binding import Absent, library, open_library
 from tests.conftest import REPOSITORY
 
 COMPILER = shutil.which(os.environ.get("CC", "gcc")) or shutil.which("clang")
@@ -74,9 +74,9 @@ def _decoded(path: Path, before: str = "", **environment: str) -> list[str]:
     code = f"""import sys
 {before}
 import scarfmt
-from scarfmt.native.binding import described
+from scarfmt.native.binding import describe
 found = scarfmt.decode(sys.argv[1])
-print(described())
+print(describe())
 print(found.positions.tobytes().hex(), found.classes.tolist())"""
     kept = {name: value for name, value in os.environ.items() if name != "SCARFMT_NATIVE"}
     command = [sys.executable, "-c", code, str(path)]
@@ -101,10 +101,10 @@ def test_files_that_are_no_library_are_not_used(tmp_path: Path) -> None:
     """Neither what cannot be loaded nor a library of other functions."""
     (tmp_path / "native.so").write_bytes(b"text")
     with pytest.raises(Absent, match="cannot be loaded"):
-        opened(str(tmp_path / "native.so"), {})
+        open_library(str(tmp_path / "native.so"), {})
     if COMPILER is not None:
         (tmp_path / "other.c").write_text("int scar_interface(void) { return -1; }\n")
         other = tmp_path / "other.so"
         subprocess.run([COMPILER, "-shared", "-fPIC", "-o", str(other), str(tmp_path / "other.c")], check=True)
         with pytest.raises(Absent, match="another version"):
-            opened(str(other), {"scar_open": (None, [])})
+            open_library(str(other), {"scar_open": (None, [])})

@@ -40,7 +40,7 @@ def test_layers_at_the_bound_compute_the_integers(seed: int, bits: int, shift: i
     signs = np.sign(layer.weights) * np.sign(layer.biases)[:, None]
     x = np.concatenate([rng.integers(-amax, amax + 1, (20, columns)), signs * amax, -signs * amax])
     exact = round_shift(x @ layer.weights.T.astype(np.int64) + layer.biases, shift)
-    assert layer.rounded(x).tolist() == exact.tolist()
+    assert layer.round(x).tolist() == exact.tolist()
     assert layer.signed(x, amax).tolist() == np.clip(exact, -amax, amax).tolist()
     assert layer.relu(x, amax).tolist() == np.clip(exact, 0, amax).tolist()
 

@@ -26,7 +26,7 @@ def context_of(evaluator: Evaluator, x: I64, codes: I64) -> Any:
     state = evaluator.start(len(x))
     for stage, column in enumerate(codes.T, start=1):
         state = evaluator.advance(state, stage, column)
-    return evaluator.mixed(evaluator.embed(x), state)
+    return evaluator.mix(evaluator.embed(x), state)
 
 
 def all_rows(evaluator: Evaluator, case: Case, x: I64, codes: I64) -> list[list[Any]]:
@@ -86,7 +86,7 @@ def test_selecting_anchors_between_stages_changes_nothing(question: tuple[Case, 
     state, h = evaluator.start(len(x)), evaluator.embed(x.astype(dtype))
     for stage, column in enumerate(codes.T, start=1):
         state = evaluator.advance(state, stage, column)
-    some = evaluator.mixed(h[rows], evaluator.take(state, rows))
+    some = evaluator.mix(h[rows], evaluator.take(state, rows))
     alone = context_of(evaluator, x[rows], codes[rows])
     assert np.array_equal(np.asarray(some), np.asarray(alone))
 

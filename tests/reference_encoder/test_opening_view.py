@@ -54,7 +54,7 @@ def test_it_shows_the_side_that_has_most_detail() -> None:
 def test_a_subject_fills_the_frame_and_none_of_it_is_cut_off() -> None:
     """The edge of the picture is empty; what is not is most of its height."""
     scene = _ball()
-    lit = render(scene, find_opening_view(scene, OPTIONS).sampled(4)).max(axis=2) > 0.1
+    lit = render(scene, find_opening_view(scene, OPTIONS).sample(4)).max(axis=2) > 0.1
     assert not lit[[0, -1]].any()
     assert not lit[:, [0, -1]].any()
     assert np.ptp(np.flatnonzero(lit.any(axis=1))) > 0.7 * len(lit)

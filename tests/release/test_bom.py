@@ -13,7 +13,7 @@ from typing import Any
 
 import pytest
 
-from release.bom import COMPONENTS, bundled_in, write_bill
+from release.bom import COMPONENTS, list_bundled, write_bill
 from release.tree import Tree
 from scarfmt.viewer.offers import PAGE
 from tests.conftest import REPOSITORY
@@ -73,7 +73,7 @@ def test_a_bundle_without_a_list_is_no_release(tmp_path: Path) -> None:
     with zipfile.ZipFile(wheel, "w"):
         pass
     with pytest.raises(KeyError):
-        bundled_in(wheel)
+        list_bundled(wheel)
 
 
 @pytest.mark.skipif(not (Path(str(PAGE)) / "components.json").exists(), reason="the page is not built: make web")

@@ -110,7 +110,7 @@ def test_orbit_of_a_tiny_scene_sees_what_that_of_a_large_one_sees() -> None:
 
 def test_scaled_camera_sees_the_same_directions() -> None:
     camera = orbit_cameras(random_scene(4), 1)[0]
-    half = camera.scaled(0.5)
+    half = camera.scale(0.5)
     point = np.array([0.3, -0.2, 2.0])
     assert (half.width, half.height) == (320, 240)
     np.testing.assert_allclose(np.array(_project(half, point)[:2]) * 2, _project(camera, point)[:2])

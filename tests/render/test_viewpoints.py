@@ -13,9 +13,9 @@ from scarfmt.render.viewpoints import (
     Surroundings,
     Upright,
     beside,
+    choose_occupied,
     even_numbers,
-    occupied,
-    resolved,
+    resolve_frame,
     upright,
     viewpoints,
 )
@@ -70,14 +70,14 @@ def test_sampled_pixels_are_those_of_the_whole_picture() -> None:
     """With an odd stride the centre of a small pixel is that of a large one, so that the values agree."""
     scene = random_scene(2, 300)
     whole = look_at(np.array([0.0, 0, -4]), np.zeros(3), np.array([0.0, -1, 0]), 90, 60)
-    np.testing.assert_allclose(render(scene, whole.sampled(3)), render(scene, whole)[1::3, 1::3], atol=1e-5)
+    np.testing.assert_allclose(render(scene, whole.sample(3)), render(scene, whole)[1::3, 1::3], atol=1e-5)
 
 
 def test_near_views_reach_every_region() -> None:
     """For a crowd and a few Gaussians far from it, both are among the pieces to look at, the crowd more often."""
     draw = np.random.default_rng(0)
     crowd, lonely = draw.normal(0, 0.01, (9000, 3)), np.array([[5.0, 0, 0], [0, 5, 0], [0, 0, 5]])
-    places = occupied(np.concatenate([crowd, lonely]), 1.0)
+    places = choose_occupied(np.concatenate([crowd, lonely]), 1.0)
     assert all((np.abs(places - place).max(axis=1) < 1e-9).any() for place in lonely)
     assert 50 < (np.abs(places) < 0.1).all(axis=1).sum() < 1000
 
@@ -128,5 +128,5 @@ def test_what_does_not_say_is_as_most_scenes_are() -> None:
 
 
 def test_who_says_so_is_believed() -> None:
-    assert resolved(field("z"), "x") == Upright("x", given=True)
+    assert resolve_frame(field("z"), "x") == Upright("x", given=True)
     assert np.array_equal(Surroundings.of(field("z"), AUTO).axes, Surroundings.of(field("z"), "z").axes)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from scarfmt.scene.gaussians import GaussianScene
-from scarfmt.scene.placement import Placement, sh_basis, turned
+from scarfmt.scene.placement import Placement, sh_basis, turn_bands
 from scarfmt.scene.rotation import matrix_from_quaternion
 
 RNG = np.random.default_rng(5)
@@ -80,5 +80,5 @@ def test_what_was_seen_in_a_direction_is_seen_in_the_turned_one(degree: int) -> 
     directions /= np.linalg.norm(directions, axis=1, keepdims=True)
     band = slice(degree**2, (degree + 1) ** 2)
     before = sh_basis(directions, degree)[:, band] @ coefficients
-    after = sh_basis(directions @ rotation.T, degree)[:, band] @ (turned(rotation, degree) @ coefficients)
+    after = sh_basis(directions @ rotation.T, degree)[:, band] @ (turn_bands(rotation, degree) @ coefficients)
     np.testing.assert_allclose(after, before, atol=1e-13)

@@ -9,7 +9,7 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from conformance.surgery.parts import flipped
+from conformance.surgery.parts import flip_bits
 from fuzz.testing.scenes import random_scene
 from scarfmt.coding.writer import write_scene
 from scarfmt.container.file import Container
@@ -99,4 +99,4 @@ def test_boxes_are_left_out_where_not_all_files_have_them() -> None:
 
 def test_damage_is_not_copied() -> None:
     first, second = halves(FILES[Profile.EXPLICIT])
-    refuses("crc-mismatch", lambda: merge([first, flipped(second, -2)]), kind=Malformed)
+    refuses("crc-mismatch", lambda: merge([first, flip_bits(second, -2)]), kind=Malformed)

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from conformance.surgery.parts import flipped
+from conformance.surgery.parts import flip_bits
 from scarfmt.container.file import Block, Container, write_container
 from scarfmt.container.schema import READABLE_KINDS, BlockFlag
 from scarfmt.container.source import BytesSource
@@ -60,13 +60,13 @@ def test_unknown_critical_blocks_stop_the_editor() -> None:
 
 def test_damage_is_not_copied() -> None:
     """Blocks are verified on the way: a damaged file does not become a valid-looking one."""
-    data = flipped(sample_file(), Container(BytesSource(sample_file())).entries[1].offset)
+    data = flip_bits(sample_file(), Container(BytesSource(sample_file())).entries[1].offset)
     refuses("crc-mismatch", lambda: truncate(BytesSource(data), 1), kind=Malformed)
 
 
 def test_damage_in_dropped_layers_does_not_matter() -> None:
     """Only what is kept is read."""
-    assert truncate(BytesSource(flipped(sample_file(), -2)), 2) == sample_file(2)
+    assert truncate(BytesSource(flip_bits(sample_file(), -2)), 2) == sample_file(2)
 
 
 def test_a_partial_download_becomes_a_whole_file() -> None:

@@ -16,7 +16,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from conformance.surgery.files import blocks_of, rebuilt, stream_bytes, tile_parts
-from conformance.surgery.parts import flipped
+from conformance.surgery.parts import flip_bits
 from fuzz.testing.scenes import random_scene
 from scarfmt.blocks.tables import pack_tables
 from scarfmt.coding.reader import SceneReader
@@ -66,7 +66,7 @@ def tiles_of(data: bytes) -> list[Entry]:
 
 def test_all_damaged_blocks_are_told_not_only_the_first() -> None:
     entries = tiles_of(EXPLICIT)[:3]
-    result = check(reduce(flipped, [entry.offset + 20 for entry in entries], EXPLICIT))
+    result = check(reduce(flip_bits, [entry.offset + 20 for entry in entries], EXPLICIT))
     assert [(f.refusal, f.offset) for f in result.findings] == [("crc-mismatch", e.offset) for e in entries]
 
 
@@ -74,7 +74,7 @@ def test_all_damaged_blocks_are_told_not_only_the_first() -> None:
 def test_layers_are_readable_up_to_the_first_that_a_damaged_block_belongs_to(layer: int) -> None:
     """A layer that has arrived is not readable if one of its blocks is damaged."""
     places = [entry.offset + 20 for entry in tiles_of(EXPLICIT) if entry.layer >= layer]
-    result = check(reduce(flipped, places, EXPLICIT))
+    result = check(reduce(flip_bits, places, EXPLICIT))
     assert (result.layers_declared, result.layers_available, result.layers_readable) == (3, 3, layer - 1)
 
 
@@ -97,18 +97,18 @@ def test_a_layer_whose_symbols_do_not_decode_is_not_readable(layer: int, damage:
 
 
 def test_a_damaged_tile_leaves_the_others_checked() -> None:
-    assert check(flipped(EXPLICIT, tiles_of(EXPLICIT)[0].offset)).tiles_decoded == 2
+    assert check(flip_bits(EXPLICIT, tiles_of(EXPLICIT)[0].offset)).tiles_decoded == 2
 
 
 def test_layers_limits_what_is_looked_at() -> None:
-    damaged = flipped(EXPLICIT, -2)
+    damaged = flip_bits(EXPLICIT, -2)
     assert check(damaged, layers=2).valid
     assert check(damaged, layers=2).layers_checked == 2
     assert not check(damaged, layers=3).valid
 
 
 def test_bytes_after_the_file_do_not_hide_other_damage() -> None:
-    assert refusals(check(flipped(EXPLICIT, -2) + b"more")) == ["trailing-bytes", "crc-mismatch"]
+    assert refusals(check(flip_bits(EXPLICIT, -2) + b"more")) == ["trailing-bytes", "crc-mismatch"]
 
 
 def test_stream_bytes_of_a_summary_are_compared_with_the_sub_streams() -> None:
@@ -164,7 +164,7 @@ def test_rules_marked_v_are_reported_after_all_others() -> None:
         Block(e.kind, e.layer, payload, e.tile, e.count + (e.kind == BlockKind.LAYER), {}, e.flags)
         for e, payload in container.read_blocks(container.entries)
     ]
-    wrong = flipped(write_container(container.header.fields, container.tiles, blocks, counts), -2)
+    wrong = flip_bits(write_container(container.header.fields, container.tiles, blocks, counts), -2)
     found = refusals(check(wrong))
     assert found[0] == "crc-mismatch"
     assert set(found[1:]) == {"entry-count", "layer-stream-bytes"}

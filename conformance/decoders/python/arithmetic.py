@@ -65,11 +65,11 @@ class Linear(NamedTuple):
         reach = (amax * sum(map(abs, row)) + abs(b) for row, b in zip(self.weights, self.biases, strict=True))
         return max(reach) + (1 << self.shift >> 1) < 1 << 24
 
-    def rounded(self, x: Vector) -> Vector:
+    def round(self, x: Vector) -> Vector:
         return [round_shift(v, self.shift) for v in product(self.weights, x, self.biases)]
 
     def __call__(self, x: Vector, low: int, high: int) -> Vector:
-        return [clamp(v, low, high) for v in self.rounded(x)]
+        return [clamp(v, low, high) for v in self.round(x)]
 
 
 def read_matrix(numbers: Numbers, rows: int, columns: int, field: str, refusal: str) -> Matrix:

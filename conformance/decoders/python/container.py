@@ -31,12 +31,12 @@ METADATA_KIND, STREAMING_KIND = "64", "65"
 
 def fields_at(data: bytes, at: int, layout: Layout) -> dict[str, Any]:
     """The fields of a structure at a byte offset, in the notation of the protocol."""
-    return {name: _shown(number) for name, number in numbers_at(data, at, layout).items()}
+    return {name: _show(number) for name, number in numbers_at(data, at, layout).items()}
 
 
-def _shown(number: Any) -> Any:
+def _show(number: Any) -> Any:
     if isinstance(number, tuple):
-        return [_shown(one) for one in number]
+        return [_show(one) for one in number]
     if isinstance(number, bytes):
         return number.hex()
     return struct.pack(">d", number).hex() if isinstance(number, float) else str(number)

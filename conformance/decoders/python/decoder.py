@@ -27,7 +27,7 @@ from conformance.decoders.python.predictors import (
     check_predictors,
     parse_predictors,
 )
-from conformance.decoders.python.static import StaticDecoder, deinterleaved, f32
+from conformance.decoders.python.static import StaticDecoder, deinterleave, f32
 from conformance.decoders.python.tile import Key, Tile, table_contexts
 from conformance.decoders.python.work import Work
 
@@ -134,7 +134,7 @@ class Decoder(StaticDecoder):
     def read_step(self, rans: Rans, tile: Tile, k: int, place: tuple[int, int, list[int]]) -> None:
         stream, components = self.channels[place[0]].stream, range(self.channels[place[0]].components)
         if any((stream, j, place[1]) in self.predictors[k - 1] for j in components):
-            self._predicted_step(rans, tile, k, place)
+            self._predict_step(rans, tile, k, place)
         else:
             super().read_step(rans, tile, k, place)
 
@@ -154,7 +154,7 @@ class Decoder(StaticDecoder):
         chosen = [i for i in range(past) if self.channels[i].stream in ATTRIBUTES]
         return [v for i in chosen for v in self._fine(tile, k, i, a)]
 
-    def _predicted_step(self, rans: Rans, tile: Tile, k: int, place: tuple[int, int, list[int]]) -> None:
+    def _predict_step(self, rans: Rans, tile: Tile, k: int, place: tuple[int, int, list[int]]) -> None:
         i, n, chosen = place
         v, stream, components = tile.v[i], self.channels[i].stream, self.channels[i].components
         sums = self.around.cells(components)
@@ -226,8 +226,8 @@ class Decoder(StaticDecoder):
     def middle(self, number: int, code: int) -> list[int]:
         """The lattice point in the middle of an anchor's cell."""
         depth, shift, prefix = self.tiles[number]
-        corner = [x << (self.lattice_bits - depth) for x in deinterleaved(prefix)]
-        return [c + (x << shift) + (1 << shift >> 1) for c, x in zip(corner, deinterleaved(code), strict=True)]
+        corner = [x << (self.lattice_bits - depth) for x in deinterleave(prefix)]
+        return [c + (x << shift) + (1 << shift >> 1) for c, x in zip(corner, deinterleave(code), strict=True)]
 
 
 def parse_codebooks(numbers: Numbers) -> dict[int, list[list[int]]]:

@@ -291,7 +291,7 @@ class Root:
 
     def tiles(self, data: bytes, number: int) -> list[Tile]:
         """The tiles of a page."""
-        reader = _opened(data, self.tile_pages[number])
+        reader = _open(data, self.tile_pages[number])
         n = self.tiles_in(number)
         depths, shifts, gaps = reader.take(n), reader.take(n), [reader.varint(63) for _ in range(n)]
         reader.finish()
@@ -315,7 +315,7 @@ class Root:
         """Tile, length, count and CRC-32 of the TILE blocks of a page in a layer."""
         if (layer, number) not in self.row_pages:
             return []
-        reader = _opened(data, self.row_pages[layer, number])
+        reader = _open(data, self.row_pages[layer, number])
         lengths = [reader.varint(53) for _ in range(self.tiles_in(number))]
         there = [tile for tile, length in enumerate(lengths) if length]
         counts = [reader.varint(32) for _ in there]
@@ -349,7 +349,7 @@ def _rows(reader: Payload) -> _Rows:
     return _Rows(size, reader.fields("I")[0], reader.varint(53), reader.varint(53))
 
 
-def _opened(data: bytes, page: Span) -> Payload:
+def _open(data: bytes, page: Span) -> Payload:
     body = data[page.start : page.past]
     require(zlib.crc32(body) == page.crc32, "page-crc-mismatch")
     return Payload(body)

@@ -125,7 +125,7 @@ class Network:
         sums = [dot(alpha, column) for column in zip(*values, strict=True)]
         return [clamp(round_shift(v, 8), -self.amax, self.amax) for v in sums]
 
-    def mixed(self, h: Vector, words: list[Vector]) -> Vector:
+    def mix(self, h: Vector, words: list[Vector]) -> Vector:
         return self.mixer(h + self.attend(h, self.history(words)), 0, self.amax)
 
     def logits(self, project: Linear, vectors: Matrix, biases: Vector, shift: int, y: Vector) -> Vector:
@@ -208,16 +208,16 @@ def _matrix(numbers: Numbers, rows: int, columns: int) -> Matrix:
 
 def _linear(numbers: Numbers, rows: int, columns: int) -> Linear:
     shift = numbers.count(255, "shift")
-    return Linear(_matrix(numbers, rows, columns), numbers.shifted(rows, "biases"), shift)
+    return Linear(_matrix(numbers, rows, columns), numbers.take_shifted(rows, "biases"), shift)
 
 
 def _gru(numbers: Numbers, hidden: int, columns: int, matrices: int, tokens: int) -> Gru:
     shift, rows = numbers.count(255, "shift"), 3 * hidden
     wi = [_matrix(numbers, rows, columns) for _ in range(matrices)]
     wh = _matrix(numbers, rows, hidden)
-    biases = numbers.shifted(tokens * rows, "bi")
+    biases = numbers.take_shifted(tokens * rows, "bi")
     bi = [biases[t * rows : (t + 1) * rows] for t in range(tokens)]
-    return Gru(shift, wi, wh, bi, numbers.shifted(rows, "bh"), numbers.shifted(hidden, "start"))
+    return Gru(shift, wi, wh, bi, numbers.take_shifted(rows, "bh"), numbers.take_shifted(hidden, "start"))
 
 
 def _attention(numbers: Numbers, hidden: int) -> Attention:
@@ -230,8 +230,8 @@ def _head(numbers: Numbers, dims: int, mixed: int) -> Head:
     clusters = [numbers.count(4096, "clusters") for _ in range(numbers.count(256, "cluster_count"))]
     projections = [_linear(numbers, dims, mixed) for _ in range(2 if clusters else 1)]
     shift, member_shift = numbers.count(255, "shift"), numbers.count(255, "member_shift")
-    cluster_biases = numbers.shifted(len(clusters), "cluster_biases")
-    return Head(clusters, projections, shift, member_shift, cluster_biases, numbers.shifted(size, "biases"))
+    cluster_biases = numbers.take_shifted(len(clusters), "cluster_biases")
+    return Head(clusters, projections, shift, member_shift, cluster_biases, numbers.take_shifted(size, "biases"))
 
 
 def frequencies(logits: Vector) -> list[int]:

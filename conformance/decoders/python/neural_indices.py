@@ -47,7 +47,7 @@ class IndexReader:
             self.embedded += h.values()
             for stage in range(1, 9):
                 chosen = [a for a in part if before[a] < stage <= after[a]]
-                ys = [net.mixed(h[a], self._words(coders, index[a], stage)) for a in chosen]
+                ys = [net.mix(h[a], self._words(coders, index[a], stage)) for a in chosen]
                 rans.forget()
                 values = coders[min(stage - 1, 1)].read(rans, ys) if chosen else []
                 if rans.first:

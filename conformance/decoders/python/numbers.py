@@ -77,7 +77,7 @@ class Numbers:
     def signed(self, n: int, *field: str | int) -> list[int]:
         return [u // 2 if u % 2 == 0 else -(u // 2) - 1 for u in self.numbers(n, *field)]
 
-    def shifted(self, n: int, field: str) -> list[int]:
+    def take_shifted(self, n: int, field: str) -> list[int]:
         shift = self.count(31, "shift of", field)
         values = [v << shift for v in self.signed(n, field)]
         require(all(abs(v) < 1 << 31 for v in values), "bad-number")

@@ -27,7 +27,7 @@ class Predictor(NamedTuple):
 
     def context(self, x: Vector) -> int:
         z = self.hidden(x, 0, 511) if self.hidden else []
-        o0, o1 = self.output.rounded(x + z)
+        o0, o1 = self.output.round(x + z)
         b1, b2 = self.buckets
         return clamp(o0, 0, b1 - 1) * b2 + clamp(o1, 0, b2 - 1)
 
@@ -40,8 +40,8 @@ def parse_predictors(numbers: Numbers) -> dict[Key, Predictor]:
         stream, component, step, b1, b2, classes, inputs, units = (numbers.count(255, name) for name in _HEAD)
         sane = stream in PREDICTED and classes <= MAX_CLASSES < inputs and units <= 64
         require(sane, "bad-predictor")
-        hidden = _stored_layer(numbers, units, inputs, classes) if units else None
-        output = _stored_layer(numbers, 2, inputs + units, classes)
+        hidden = _read_layer(numbers, units, inputs, classes) if units else None
+        output = _read_layer(numbers, 2, inputs + units, classes)
         sound = output.is_exact(511) and (hidden is None or hidden.is_exact(511))
         require(sound and step >= 1 and (b1 + 1) * (b2 + 1) <= 256, "bad-predictor")
         keys.append((stream, component, step))
@@ -60,12 +60,12 @@ def check_predictors(predictors: dict[Key, Predictor], components: dict[int, int
         require(len(predictor.output.weights[0]) - units == wanted, "bad-predictor")
 
 
-def _stored_layer(numbers: Numbers, rows: int, columns: int, classes: int) -> Linear:
+def _read_layer(numbers: Numbers, rows: int, columns: int, classes: int) -> Linear:
     shift = numbers.count(255, "shift")
     missing = [0] * (MAX_CLASSES - classes)
     kept = read_matrix(numbers, rows, columns - len(missing), "weights", "bad-predictor")
     weights = [row[:classes] + missing + row[classes:] for row in kept]
-    return Linear(weights, numbers.shifted(rows, "biases"), shift)
+    return Linear(weights, numbers.take_shifted(rows, "biases"), shift)
 
 
 @dataclass(frozen=True)

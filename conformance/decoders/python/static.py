@@ -256,11 +256,11 @@ class StaticDecoder:
 
     def positions(self, number: int, tile: Tile) -> list[list[float]]:
         depth, shift, prefix = self.tiles[number]
-        corner = [x << (self.lattice_bits - depth) for x in deinterleaved(prefix)]
+        corner = [x << (self.lattice_bits - depth) for x in deinterleave(prefix)]
         residual = next((i for i, channel in enumerate(self.channels) if channel.stream == POSITION_RESIDUAL), None)
         out = []
         for a, code in enumerate(tile.code):
-            local, place = deinterleaved(code), []
+            local, place = deinterleave(code), []
             for axis in range(3):
                 r = None
                 if residual is not None:
@@ -288,7 +288,7 @@ def lattice_place(corner: int, local: int, shift: int, r: float | None) -> float
     return t if r is None else t + cell * r
 
 
-def deinterleaved(code: int) -> list[int]:
+def deinterleave(code: int) -> list[int]:
     return [sum((code >> (3 * bit + axis) & 1) << bit for bit in range(21)) for axis in range(3)]
 
 

@@ -100,7 +100,7 @@ def pack(folder: Path, target: Path) -> None:
 
 
 @contextmanager
-def unpacked(place: Path) -> Iterator[Path]:
+def unpack(place: Path) -> Iterator[Path]:
     """The folder of a suite: `place` itself, or, of a zip or of class archives, one that is removed afterwards.
 
     Raises:

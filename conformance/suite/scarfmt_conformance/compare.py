@@ -81,9 +81,9 @@ def differences(stage: str, pinned: Any, answered: Any, folder: Path) -> list[Di
     for name, expected in pinned["arrays"].items():
         got = contents.get(name)
         if not isinstance(got, dict):
-            found = [Difference(stage, name, "is missing" if got is None else "is not an object", _shown(expected))]
+            found = [Difference(stage, name, "is missing" if got is None else "is not an object", _show(expected))]
         elif "reference" in expected:
-            found = _activated_differences(name, expected, got, folder)
+            found = _compare_activated(name, expected, got, folder)
         else:
             found = _exact_differences(stage, name, expected, got)
         out += found
@@ -118,7 +118,7 @@ def _exact_differences(stage: str, name: str, expected: dict[str, Any], got: dic
         value = got.get(field)
         sane = _is_shape(value) if field == "shape" else isinstance(value, str)
         if not sane or value != expected[field]:
-            return [Difference(stage, name, fault, _shown(expected), _shown(got))]
+            return [Difference(stage, name, fault, _show(expected), _show(got))]
     return []
 
 
@@ -127,7 +127,7 @@ def _is_shape(value: Any) -> bool:
     return isinstance(value, list) and all(type(item) is int and 0 <= item < 1 << 63 for item in value)
 
 
-def _shown(array: dict[str, Any]) -> str:
+def _show(array: dict[str, Any]) -> str:
     """An array for people: type, shape, start of the hash, first values."""
     parts = [printable(str(array.get("dtype", "")), 20), _shape_text(array.get("shape")), _hash_text(array)]
     first = array.get("first")
@@ -153,7 +153,7 @@ def _hash_text(array: dict[str, Any]) -> str:
 # ------------------------------------------------------------------------------------------------ activated values
 
 
-def _activated_differences(name: str, expected: dict[str, Any], got: dict[str, Any], folder: Path) -> list[Difference]:
+def _compare_activated(name: str, expected: dict[str, Any], got: dict[str, Any], folder: Path) -> list[Difference]:
     shape = tuple(expected["shape"])
     text = _shape_text(list(shape))
     if not _is_shape(got.get("shape")) or tuple(got["shape"]) != shape:

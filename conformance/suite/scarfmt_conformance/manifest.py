@@ -17,7 +17,7 @@ from pathlib import Path, PurePosixPath
 from typing import Any
 
 from scarfmt.errors import InvalidInput
-from scarfmt_conformance.archive import OWN, unpacked
+from scarfmt_conformance.archive import OWN, unpack
 from scarfmt_conformance.protocol import ANNOTATIONS, PROTOCOL
 
 MANIFEST = "manifest.json"
@@ -161,9 +161,9 @@ def open_suite(place: Path) -> Iterator[Suite]:
     """
     with ExitStack() as opened:
         try:
-            folder = opened.enter_context(unpacked(place))
+            folder = opened.enter_context(unpack(place))
         except (zipfile.BadZipFile, OSError) as error:
-            raise _broken(place, f"it cannot be unpacked: {error}") from error
+            raise _refusal(place, f"it cannot be unpacked: {error}") from error
         yield load_suite(folder)
 
 
@@ -176,14 +176,14 @@ def load_suite(folder: Path) -> Suite:
     path = folder / MANIFEST
     manifest = _read_object(path)
     if manifest.get("format") != PROTOCOL:
-        raise _broken(path, f"its format is {manifest.get('format')!r}, this runner knows {PROTOCOL!r}")
+        raise _refusal(path, f"its format is {manifest.get('format')!r}, this runner knows {PROTOCOL!r}")
     try:
         vectors = tuple(_vector(folder, entry) for entry in manifest["vectors"])
         bitstream = str(manifest["bitstream"])
     except (KeyError, TypeError, ValueError) as error:
-        raise _broken(path, f"it is not a manifest ({error!r})") from error
+        raise _refusal(path, f"it is not a manifest ({error!r})") from error
     if len({vector.id for vector in vectors}) < len(vectors):
-        raise _broken(path, "an id stands twice in it")
+        raise _refusal(path, "an id stands twice in it")
     return Suite(folder, bitstream, vectors)
 
 
@@ -221,9 +221,9 @@ def check_file(vector: Vector) -> None:
     try:
         data = vector.file.read_bytes()
     except OSError as error:
-        raise _broken(vector.file, str(error.strerror)) from error
+        raise _refusal(vector.file, str(error.strerror)) from error
     if len(data) != vector.bytes or hashlib.sha256(data).hexdigest() != vector.sha256:
-        raise _broken(vector.file, "it is not the file of the manifest: get the suite again, without changed line ends")
+        raise _refusal(vector.file, "it is not the file of the manifest: get the suite again, with its line ends")
 
 
 def load_expectation(vector: Vector) -> Expectation:
@@ -236,13 +236,13 @@ def load_expectation(vector: Vector) -> Expectation:
     try:
         expectation = _expectation(value)
     except (LookupError, TypeError, ValueError, AttributeError) as error:
-        raise _broken(vector.expect, f"it is not an expectation ({error!r})") from error
+        raise _refusal(vector.expect, f"it is not an expectation ({error!r})") from error
     if value.get("result") != vector.result:
-        raise _broken(vector.expect, "its result is not that of the manifest")
+        raise _refusal(vector.expect, "its result is not that of the manifest")
     if vector.result != "decoded" and not expectation.refusals:
-        raise _broken(vector.expect, "it names no refusal")
+        raise _refusal(vector.expect, "it names no refusal")
     if vector.result == "decoded" and not expectation.layers:
-        raise _broken(vector.expect, "it pins no layer")
+        raise _refusal(vector.expect, "it pins no layer")
     return expectation
 
 
@@ -268,13 +268,13 @@ def _read_object(path: Path) -> dict[str, Any]:
     try:
         value = json.loads(path.read_bytes())
     except OSError as error:
-        raise _broken(path, str(error.strerror)) from error
+        raise _refusal(path, str(error.strerror)) from error
     except ValueError as error:
-        raise _broken(path, f"it is not JSON: {error}") from error
+        raise _refusal(path, f"it is not JSON: {error}") from error
     if not isinstance(value, dict):
-        raise _broken(path, "it is not a JSON object")
+        raise _refusal(path, "it is not a JSON object")
     return value
 
 
-def _broken(path: Path, fault: str) -> InvalidInput:
+def _refusal(path: Path, fault: str) -> InvalidInput:
     return InvalidInput("input-suite", f"{path}: {fault}")

@@ -16,7 +16,7 @@ import time
 from dataclasses import dataclass
 from typing import IO
 
-from scarfmt_conformance.protocol import Answer, Fault, Question, Reply, filled, parse, printable
+from scarfmt_conformance.protocol import Answer, Fault, Question, Reply, fill, parse, printable
 
 OUTPUT_BYTES = 256 << 20
 _ERROR_BYTES = 8 << 10
@@ -67,8 +67,8 @@ class Program:
             if self._process is not None and self._process.poll() == 0:
                 self._end()
             late = None if self._process is None else self._after_an_answer(self._process)
-            process = self._process or self._start(self._words if self._session else filled(self._words, question))
-            answer = late or self._asked(process, question, start + self._limits.seconds)
+            process = self._process or self._start(self._words if self._session else fill(self._words, question))
+            answer = late or self._ask(process, question, start + self._limits.seconds)
             errors = self._last_errors()
             if not self._session or isinstance(answer, Fault) or process.poll() is not None:
                 self._end()
@@ -94,7 +94,7 @@ class Program:
             return Fault("answer", "printed more than one line to the question before")
         return None
 
-    def _asked(self, process: subprocess.Popen[bytes], question: Question, deadline: float) -> Answer | Fault:
+    def _ask(self, process: subprocess.Popen[bytes], question: Question, deadline: float) -> Answer | Fault:
         if process.stdin is not None:
             with contextlib.suppress(BrokenPipeError):
                 os.write(process.stdin.fileno(), question.line())

@@ -190,7 +190,7 @@ def command(text: str) -> list[str]:
     return words
 
 
-def filled(words: list[str], question: Question) -> list[str]:
+def fill(words: list[str], question: Question) -> list[str]:
     """The words of a template with a question put in; the camera is ``X,Y,Z``, or empty without one."""
     camera = ",".join(map(repr, question.camera or ()))
     values = {"file": str(question.file), "layers": str(question.layers), "stage": question.stage, "camera": camera}

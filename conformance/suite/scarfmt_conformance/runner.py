@@ -252,7 +252,7 @@ def _examine(
     if not tasks:
         result.outcome, result.reason = SKIPPED, result.reason or "nothing pinned is of a stage claimed"
         return result
-    file = _extended(vector, expectation.extend_to, scratch)
+    file = _extend(vector, expectation.extend_to, scratch)
     if file is None:
         result.outcome, result.reason = SKIPPED, f"no file of {expectation.extend_to:,} bytes can be made here"
         return result
@@ -260,7 +260,7 @@ def _examine(
         reply = decoder.ask(Question(file, task.layers, task.stage, task.camera))
         result.questions += 1
         result.seconds += reply.seconds
-        result.failure = _judged(reply, task, result.stages)
+        result.failure = _judge(reply, task, result.stages)
         if result.failure is not None:
             result.outcome = FAILED
             break
@@ -269,7 +269,7 @@ def _examine(
     return result
 
 
-def _extended(vector: Vector, length: int, scratch: Path) -> Path | None:
+def _extend(vector: Vector, length: int, scratch: Path) -> Path | None:
     """The file to ask about: the vector's, or a sparse copy with zeros after it; None if that cannot be made."""
     if length <= vector.bytes:
         return vector.file
@@ -292,7 +292,7 @@ def _not_claimed(suite: Suite, vector: Vector, claims: Capabilities) -> str:
     return ""
 
 
-def _judged(reply: Reply, task: _Task, compared: dict[str, bool]) -> Failure | None:
+def _judge(reply: Reply, task: _Task, compared: dict[str, bool]) -> Failure | None:
     if isinstance(reply.answer, Fault):
         return Failure(reply.answer.kind, reply.answer.message, task.layers, errors=reply.errors)
     failure = task.judge(reply.answer, compared)

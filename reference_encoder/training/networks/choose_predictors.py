@@ -15,7 +15,7 @@ from typing import cast
 
 import numpy as np
 
-from reference_encoder.training.networks.predictor_training import BUCKETS, float_contexts, quantised, train
+from reference_encoder.training.networks.predictor_training import BUCKETS, float_contexts, quantise, train
 from reference_encoder.training.options import Stop, never
 from reference_encoder.tuning import (
     PREDICTOR_ANCHORS,
@@ -131,7 +131,7 @@ def choose_predictors(
         contents, bits: its tiles, at the last layer, and their local bits per axis.
         stop: asked before each whether to leave out those that are left, which would save least.
     """
-    model, contents = _predicted_only(model, contents)
+    model, contents = _keep_predicted(model, contents)
     whole = _totals(model, contents)
     promising = [key for key, total in whole.items() if total >= PREDICTOR_LEAST_SYMBOLS]
     seeds = {key: number for number, key in enumerate(sorted(whole))}
@@ -152,7 +152,7 @@ def choose_predictors(
         # Each predictor is trained by itself, so threads change nothing. No name holds samples while others are drawn.
         with ThreadPoolExecutor(count_threads()) as pool:
             gains += pool.map(best, samples(model, frames, contents, whole, batch, seeds).items())
-    return _sent(model, [gain for gain in gains if gain is not None])
+    return _choose_sent(model, [gain for gain in gains if gain is not None])
 
 
 def _sample_bytes(model: SceneModel, key: Key, total: int) -> int:
@@ -161,7 +161,7 @@ def _sample_bytes(model: SceneModel, key: Key, total: int) -> int:
     return 2 * min(PREDICTOR_SAMPLE, total) * input_width(model, channel)
 
 
-def _sent(model: SceneModel, gains: Sequence[Gain]) -> dict[int, tuple[Predictor, ...]]:
+def _choose_sent(model: SceneModel, gains: Sequence[Gain]) -> dict[int, tuple[Predictor, ...]]:
     """Predictors by the layer that sends them: of each layer as many of those that save most as a block may hold."""
     chosen: dict[int, tuple[Predictor, ...]] = {}
     for _, predictor in sorted(gains, key=lambda gain: -gain[0]):
@@ -174,11 +174,11 @@ def _sent(model: SceneModel, gains: Sequence[Gain]) -> dict[int, tuple[Predictor
 
 def _best(key: Key, sample: Sample, static: float, seed: int) -> Gain | None:
     """The predictor of one step of one component, None if none pays."""
-    gains = (_trained(key, sample, static, units, seed) for units in PREDICTOR_UNITS)
+    gains = (_train_best(key, sample, static, units, seed) for units in PREDICTOR_UNITS)
     return max((gain for gain in gains if gain and gain[0] > 0), key=lambda gain: gain[0], default=None)
 
 
-def _trained(key: Key, sample: Sample, static: float, units: int, seed: int) -> Gain | None:
+def _train_best(key: Key, sample: Sample, static: float, units: int, seed: int) -> Gain | None:
     """The best predictor of at most so many hidden units, whether or not it pays; None if readers take none."""
     ternary, stream = key[2] > 1, Stream(key[0])
     net = train(sample.inputs, sample.symbols, ternary, sample.total, units, seed)
@@ -187,7 +187,7 @@ def _trained(key: Key, sample: Sample, static: float, units: int, seed: int) -> 
     place, x = (stream, key[1], key[2]), sample.inputs.astype(np.float32)
     best: Gain | None = None
     for top in TOP_WEIGHTS:
-        predictor = quantised(net, sample.inputs, outputs, place, buckets, top)
+        predictor = quantise(net, sample.inputs, outputs, place, buckets, top)
         packed = len(pack_predictors([predictor])) - len(pack_predictors([]))
         saved = static - (expected_bits(predictor.contexts(x), sample) + 8 * packed)
         if (best is None or saved > best[0]) and _valid(predictor):
@@ -300,7 +300,7 @@ def _some_tiles(
     return [frames[tile] for tile in chosen], [contents[tile] for tile in chosen]
 
 
-def _predicted_only(model: SceneModel, contents: Sequence[TileContent]) -> tuple[SceneModel, list[TileContent]]:
+def _keep_predicted(model: SceneModel, contents: Sequence[TileContent]) -> tuple[SceneModel, list[TileContent]]:
     """The scene with nothing but positions, classes and channels that may have predictors: the rest is of no use."""
     chosen = tuple(index for index in model.predicted if input_width(model, index) <= MAX_INPUTS)
     channels = tuple(model.channels[index] for index in chosen)

@@ -44,14 +44,14 @@ def cluster(words: I64, uses: I64) -> Clusters:
         return np.arange(len(words)), ()
     zero = np.flatnonzero(~words.any(axis=1))[:1]
     rest = np.setdiff1d(np.arange(len(words)), zero)
-    groups = _halved(words.astype(np.float64), rest, round(float(np.sqrt(len(rest)))))
+    groups = _split_members(words.astype(np.float64), rest, round(float(np.sqrt(len(rest)))))
     # Clusters of one size side by side are evaluated together.
     arranged = [group[np.argsort(-uses[group], kind="stable")] for group in sorted(groups, key=len)]
     arranged = [zero, *arranged] if len(zero) else arranged
     return np.concatenate(arranged), tuple(len(group) for group in arranged)
 
 
-def _halved(words: F64, members: I64, clusters: int) -> list[I64]:
+def _split_members(words: F64, members: I64, clusters: int) -> list[I64]:
     """`members` split into `clusters` groups, sizes as equal as can be."""
     if clusters <= 1:
         return [members]
@@ -63,7 +63,7 @@ def _halved(words: F64, members: I64, clusters: int) -> list[I64]:
     axis = axis * np.sign(axis[np.argmax(np.abs(axis))])
     order = members[np.argsort(np.round(centred @ axis, 6), kind="stable")]
     cut = round(len(order) * left / clusters)
-    return _halved(words, order[:cut], left) + _halved(words, order[cut:], clusters - left)
+    return _split_members(words, order[:cut], left) + _split_members(words, order[cut:], clusters - left)
 
 
 def arrange_scene(

@@ -16,7 +16,7 @@ import numpy as np
 import torch
 from torch import nn
 
-from reference_encoder.training.networks.jit import compiled, reduced
+from reference_encoder.training.networks.jit import compile_exact, compile_reduction
 from reference_encoder.training.networks.layers import (
     HIDDEN_UNIT,
     TOP,
@@ -25,7 +25,7 @@ from reference_encoder.training.networks.layers import (
     Dense,
     NetworkShape,
     hidden_scale,
-    rounded,
+    round_half_up,
 )
 from reference_encoder.tuning import LOGIT_REACH_BITS
 from scarfmt.arrays import F32, I64
@@ -37,7 +37,7 @@ _ONE, _HALF, _SIXTH = np.float32(1), np.float32(1 / 2), np.float32(1 / 6)
 _LEAST = np.float32(1 / TOTAL)
 
 
-@compiled
+@compile_exact
 def powers(exponents: F32, out: F32) -> None:
     """2^x of exponents x <= 0, to about 1e-5; 2^-32 below. Written out, because a call would stop vectorisation."""
     for k in range(len(out)):
@@ -54,7 +54,7 @@ def powers(exponents: F32, out: F32) -> None:
         out[k] = value
 
 
-@compiled
+@compile_exact
 def add_products(output: F32, vectors: F32, out: F32) -> None:
     """Add products of `output` (R,) and `vectors` (R, k) to `out` (k,), four at a time: stores are what costs."""
     whole = len(output) // 4 * 4
@@ -69,7 +69,7 @@ def add_products(output: F32, vectors: F32, out: F32) -> None:
             out[k] += factor * source[k]
 
 
-@compiled
+@compile_exact
 def products(output: F32, vectors: F32, biases: F32, out: F32) -> None:
     """Fill `out` (k,) with products of `output` (R,) and `vectors` (R, k), plus `biases` (k,)."""
     for k in range(len(out)):
@@ -77,7 +77,7 @@ def products(output: F32, vectors: F32, biases: F32, out: F32) -> None:
     add_products(output, vectors, out)
 
 
-@reduced
+@compile_reduction
 def top_of(values: F32) -> Any:
     """The largest of some values, none of which is NaN."""
     top = values[0]
@@ -86,8 +86,8 @@ def top_of(values: F32) -> Any:
     return top
 
 
-@reduced
-def summed(values: F32) -> Any:
+@compile_reduction
+def sum_values(values: F32) -> Any:
     """The sum of the values."""
     total = np.float32(0)
     for k in range(len(values)):
@@ -95,7 +95,7 @@ def summed(values: F32) -> Any:
     return total
 
 
-@compiled
+@compile_exact
 def _shares(output: F32, vectors: F32, biases: F32, logits: F32, shares: F32) -> None:
     """Fill `shares` (k,) with the probabilities of the symbols; `logits` (k,) is scratch."""
     products(output, vectors, biases, logits)
@@ -103,12 +103,12 @@ def _shares(output: F32, vectors: F32, biases: F32, logits: F32, shares: F32) ->
     for k in range(len(logits)):
         logits[k] -= top
     powers(logits, shares)
-    scale = _ONE / summed(shares)
+    scale = _ONE / sum_values(shares)
     for k in range(len(shares)):
         shares[k] *= scale
 
 
-@compiled
+@compile_exact
 def _bits(outputs: F32, vectors: F32, biases: F32, ranges: I64, symbols: I64, bits: F32) -> None:
     """Fill `bits` (n,); the arguments are those of `range_bits` in units of a bit, `vectors` (R, k)."""
     logits, shares = np.empty(vectors.shape[1], np.float32), np.empty(vectors.shape[1], np.float32)
@@ -119,7 +119,7 @@ def _bits(outputs: F32, vectors: F32, biases: F32, ranges: I64, symbols: I64, bi
         bits[row] = -np.log2(shares[symbols[row] - first] * (_ONE - size * _LEAST) + _LEAST)
 
 
-@compiled
+@compile_exact
 def _gradients(
     outputs: F32,
     vectors: F32,
@@ -218,7 +218,7 @@ class _Level(nn.Module):
 
     def biases(self) -> torch.Tensor:
         """(k,) beta before the shift."""
-        return rounded(self.beta * (UNIT / BIAS_STEP)).clamp(-160, 160) * float(BIAS_STEP << self.shift)
+        return round_half_up(self.beta * (UNIT / BIAS_STEP)).clamp(-160, 160) * float(BIAS_STEP << self.shift)
 
     def bits(self, y: torch.Tensor, ranges: torch.Tensor, symbols: torch.Tensor) -> torch.Tensor:
         """(n,) bits of `symbols` among those in `ranges` (n, 2), but for the rounding of logits and frequencies."""

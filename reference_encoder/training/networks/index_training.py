@@ -154,7 +154,7 @@ def train(
                 descent.step(chosen, examples.sent / steps)
                 schedule.step()
             history.append(_estimate(model, examples))
-            if _converged(history, epochs, epoch):
+            if _has_converged(history, epochs, epoch):
                 break
     return history
 
@@ -190,7 +190,7 @@ def _estimate(model: IndexModel, examples: Examples) -> float:
     return float(measure(model, examples, most=MEASURED_ROWS).sum()) * examples.scale + network
 
 
-def _converged(history: list[float], epochs: int, epoch: int) -> bool:
+def _has_converged(history: list[float], epochs: int, epoch: int) -> bool:
     """Whether the epochs left would, at the pace of the last, save too few bytes; asked in the last quarter only: short
     steps save most."""
     left = epochs - 1 - epoch

@@ -10,12 +10,12 @@ import numba
 _Function = TypeVar("_Function", bound=Callable[..., Any])
 
 
-def compiled(function: _Function) -> _Function:
+def compile_exact(function: _Function) -> _Function:
     """Compiled for one thread, so that nothing depends on the machine's cores; the GIL is released."""
     return cast(_Function, numba.njit(cache=True, nogil=True, error_model="numpy")(function))
 
 
-def reduced(function: _Function) -> _Function:
+def compile_reduction(function: _Function) -> _Function:
     """Compiled so that LLVM may vectorise sums and maxima of numbers; the order it takes is always the same."""
     fast = {"reassoc", "nnan", "nsz", "contract"}
     return cast(_Function, numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=fast)(function))

@@ -15,7 +15,7 @@ import numpy as np
 import torch
 from torch import nn
 
-from reference_encoder.training.networks.jit import compiled
+from reference_encoder.training.networks.jit import compile_exact
 from reference_encoder.tuning import (
     CODEWORD_DIMS,
     FINE_WEIGHTS_FROM,
@@ -82,7 +82,7 @@ TOTAL = 1 << 24
 """Sum of the frequencies of a symbol (SPEC §8.1)."""
 
 
-@compiled
+@compile_exact
 def _shift_and_clamp(x: F32, scale: np.float32, low: np.float32, high: np.float32, out: F32, free: Bools) -> None:
     """Fill `out` with round(x * scale), clamped, and `free` with where the clamp did nothing."""
     for k in range(len(x)):
@@ -91,7 +91,7 @@ def _shift_and_clamp(x: F32, scale: np.float32, low: np.float32, high: np.float3
         out[k] = min(max(value, low), high)
 
 
-@compiled
+@compile_exact
 def _clamped_gradient(grad: F32, free: Bools, scale: np.float32, out: F32) -> None:
     for k in range(len(grad)):
         out[k] = grad[k] * scale if free[k] else _NOTHING
@@ -133,14 +133,14 @@ class _Table(torch.autograd.Function):
         return grad * (out - ctx.low) * (ctx.high - out) * (steep / (UNIT * (ctx.high - ctx.low))), None
 
 
-def rounded(x: torch.Tensor) -> torch.Tensor:
+def round_half_up(x: torch.Tensor) -> torch.Tensor:
     """floor(x + 1/2)."""
     return shift_and_clamp(x, 0, -math.inf, math.inf)
 
 
 def round_shift(x: torch.Tensor, shift: int) -> torch.Tensor:
     """x / 2^shift to nearest, ties up."""
-    return rounded(x * 2.0**-shift)
+    return round_half_up(x * 2.0**-shift)
 
 
 def shift_and_clamp(x: torch.Tensor, shift: int, low: float, high: float) -> torch.Tensor:
@@ -225,17 +225,17 @@ class Dense(nn.Module):
             parameter.data.zero_()
             parameter.requires_grad_(False)
 
-    def scaled(self) -> torch.Tensor:
+    def scale_weights(self) -> torch.Tensor:
         """(rows, width) weights before rounding."""
         return (self.theta * self.gain).clamp(-_WEIGHT_LIMIT, _WEIGHT_LIMIT)
 
     def integers(self) -> tuple[torch.Tensor, torch.Tensor]:
         """Weights (rows, width) and biases (rows,) as they are used."""
-        weights = rounded(self._fitting(self.scaled()))
+        weights = round_half_up(self._fitting(self.scale_weights()))
         if not self.biased:
             return weights, torch.zeros(len(weights))
         biases = self.bias * (self._unit * 2.0**self.shift) - weights @ self.means
-        return weights, rounded(biases)
+        return weights, round_half_up(biases)
 
     def _fitting(self, weights: torch.Tensor) -> torch.Tensor:
         """Rows shrunk where they could break the bound of exact sums, which leaves half of it to the bias."""

@@ -27,8 +27,8 @@ from reference_encoder.training.networks.layers import (
     exp2_weights,
     geometric_bits,
     hidden_scale,
+    round_half_up,
     round_shift,
-    rounded,
     shift_and_clamp,
     sigmoid12,
     state_scale,
@@ -87,11 +87,11 @@ class GruModel(nn.Module):
 
     def bias_integers(self) -> torch.Tensor:
         """(rows, 3H) biases of px."""
-        return rounded(self.biases * (UNIT * 2.0**self.shift))
+        return round_half_up(self.biases * (UNIT * 2.0**self.shift))
 
     def start_integers(self) -> torch.Tensor:
         """(H,) start state."""
-        return rounded(self.start * (TOP + 1)).clamp(-TOP, TOP)
+        return round_half_up(self.start * (TOP + 1)).clamp(-TOP, TOP)
 
     def step(self, px: torch.Tensor, state: torch.Tensor) -> torch.Tensor:
         """(n, H) next state, from (n, 3H) px and (n, H) state."""
@@ -212,7 +212,7 @@ class IndexModel(nn.Module):
 
     def weight_bits(self) -> torch.Tensor:
         """About how many bits the network takes in the file."""
-        parts = [m.scaled() for m in self.modules() if isinstance(m, Dense) and not m.frozen]
+        parts = [m.scale_weights() for m in self.modules() if isinstance(m, Dense) and not m.frozen]
         parts += [steps for head in self.head for steps in head.bias_steps()]
         counted = sum(m.bias.numel() for m in self.modules() if isinstance(m, Dense) and m.biased and not m.frozen)
         counted += sum(layer.biases.numel() + layer.start.numel() for layer in self.layers)

@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from reference_encoder.training.networks.jit import compiled, reduced
+from reference_encoder.training.networks.jit import compile_exact, compile_reduction
 from reference_encoder.tuning import (
     BUCKET_PERCENTS,
     LAST_SLOWER,
@@ -85,7 +85,7 @@ def one_cycle(iterations: int) -> tuple[F64, F64]:
     return rates, momenta
 
 
-@compiled
+@compile_exact
 def _slopes(one: float, two: float, target: float, ternary: bool) -> tuple[float, float]:
     """Derivatives of the negative log-likelihood of `target` by both outputs."""
     if ternary:
@@ -103,7 +103,7 @@ def _slopes(one: float, two: float, target: float, ternary: bool) -> tuple[float
     return sharpness * (up - down) / mass, (above * up - below * down) / mass if -4.0 < two < 8.0 else 0.0
 
 
-@compiled
+@compile_exact
 def _forward(wide: F32, second: F32, x: F32, targets: F32, ternary: bool, sums: F32, slopes: F32) -> None:
     """Fill `sums` with what the columns of `wide` make of a chunk, and `slopes` with derivatives by them.
 
@@ -132,7 +132,7 @@ def _forward(wide: F32, second: F32, x: F32, targets: F32, ternary: bool, sums: 
             slopes[unit, k] = back if sums[unit, k] > 0 else np.float32(0)
 
 
-@reduced
+@compile_reduction
 def _dot(one: F32, two: F32) -> float:
     total = np.float32(0)
     for k in range(_CHUNK):
@@ -140,7 +140,7 @@ def _dot(one: F32, two: F32) -> float:
     return float(total)
 
 
-@compiled
+@compile_exact
 def _backward(x: F32, sums: F32, slopes: F32, by_wide: F32, by_second: F32) -> None:
     """Add a chunk's gradients by `wide` and `second`."""
     units = len(by_second)
@@ -154,7 +154,7 @@ def _backward(x: F32, sums: F32, slopes: F32, by_wide: F32, by_second: F32) -> N
             by_wide[row, column] += _dot(x[row], slopes[column])
 
 
-@compiled
+@compile_exact
 def _adam(values: F32, gradient: F32, first: F64, second: F64, rate: float, momentum: float, at: int) -> None:
     """One step of Adam (Kingma and Ba 2014) on flat arrays."""
     correction = np.sqrt(1.0 - _SECOND_DECAY ** (at + 1))
@@ -166,7 +166,7 @@ def _adam(values: F32, gradient: F32, first: F64, second: F64, rate: float, mome
         values[k] -= length * first[k] / (np.sqrt(second[k]) / correction + 1e-8)
 
 
-@compiled
+@compile_exact
 def _descend(
     wide: F32,
     second: F32,
@@ -300,7 +300,7 @@ def float_contexts(outputs: F64, buckets: tuple[int, int]) -> I64:
     return np.asarray(one * buckets[1] + two, np.int64)
 
 
-def quantised(
+def quantise(
     net: FloatNet, x: I16, outputs: F64, key: tuple[Stream, int, int], buckets: tuple[int, int], top: int = 127
 ) -> Predictor:
     """The predictor of `net`: weights up to `top`, power-of-two shifts, buckets folded in.

@@ -126,7 +126,7 @@ def _see(scene: Scene, lens: Lens, count: int) -> tuple[Tensor, Tensor]:
     return splats[1, :seen], numbers.index_select(0, order[:seen]).long()
 
 
-def _listed(splats: Tensor, camera: Camera) -> Listing:
+def _list(splats: Tensor, camera: Camera) -> Listing:
     columns, rows = -(-camera.width // TILE), -(-camera.height // TILE)
     spans = torch.empty((len(splats), 4), dtype=torch.int32)
     starts, offsets = (torch.empty(count + 1, dtype=torch.int64) for count in (len(splats), columns * rows))
@@ -172,7 +172,7 @@ def prepare(gaussians: Gaussians, camera: Camera) -> Prepared:
     inputs = gaussians.centres, gaussians.scales, gaussians.rotations, view, which
     made = _Projected.apply(*inputs, means, splats[:, 2:5].clone())  # type: ignore[no-untyped-call]
     means, shapes = cast(tuple[Tensor, Tensor], made)
-    return Prepared(means, shapes, which, splats, _listed(splats, camera))
+    return Prepared(means, shapes, which, splats, _list(splats, camera))
 
 
 def _job(camera: Camera, prepared: Prepared, background: Tensor) -> Job:

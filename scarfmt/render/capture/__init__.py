@@ -93,7 +93,7 @@ def load_distorted(path: str | PathLike[str]) -> list[Distorted]:
         InvalidInput: ``input-cameras``.
         OSError: it cannot be read.
     """
-    return [view for file in listings(Path(path)) for view in _distorted(file)]
+    return [view for file in listings(Path(path)) for view in _find_distorted(file)]
 
 
 def load_points(path: str | PathLike[str]) -> F64 | None:
@@ -161,7 +161,7 @@ def _cameras(path: Path) -> list[Camera]:
     raise wrong(str(path), f"is no list of cameras; known are {_KNOWN}")
 
 
-def _distorted(path: Path) -> list[Distorted]:
+def _find_distorted(path: Path) -> list[Distorted]:
     if path.name in _MODEL_FILES:
         model = model_files(path.parent)
         return [] if model is None else colmap_distorted(*model)

@@ -280,7 +280,7 @@ def _text_poses(path: Path) -> Iterator[Pose]:
     declared, found, points_due = None, 0, False
     for number, line in _lines(path):
         if line.startswith("#"):
-            declared = _declared(line) if declared is None else declared
+            declared = _count_declared(line) if declared is None else declared
             continue
         if points_due and not _is_image(line):
             points_due = False
@@ -294,7 +294,7 @@ def _text_poses(path: Path) -> Iterator[Pose]:
         warnings.warn(message, InputWarning, stacklevel=3)
 
 
-def _declared(comment: str) -> int | None:
+def _count_declared(comment: str) -> int | None:
     """Images that a comment of the header says there are: `# Number of images: 4, mean observations...`."""
     match comment.lower().replace(",", " ").replace(":", " ").split():
         case ["#", "number", "of", "images", count, *_] if count.isdecimal():

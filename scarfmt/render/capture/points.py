@@ -32,7 +32,7 @@ def ply_points(path: Path) -> F64:
     rows = read_elements(source, read_header(source), ["vertex"]).get("vertex")
     if rows is None or not {"x", "y", "z"} <= set(rows.dtype.names or ()):
         raise wrong(str(path), "has no vertices with x, y and z; leave it out, or export it again")
-    return _checked(path, np.stack([rows[axis].astype(np.float64) for axis in "xyz"], axis=1))
+    return _check(path, np.stack([rows[axis].astype(np.float64) for axis in "xyz"], axis=1))
 
 
 def colmap_points(folder: Path) -> F64 | None:
@@ -61,7 +61,7 @@ def _binary(path: Path) -> F64:
         _id, *values, track = _RECORD.unpack_from(data, place)
         positions[row] = values[:3]
         place += _RECORD.size + _TRACK * track
-    return _checked(path, positions)
+    return _check(path, positions)
 
 
 def _text(path: Path) -> F64:
@@ -78,10 +78,10 @@ def _text(path: Path) -> F64:
             except ValueError as error:
                 message = f"expected ID X Y Z R G B ERROR TRACK...; {EXPORT_AGAIN}"
                 raise wrong(str(path), message, f"line {number}") from error
-    return _checked(path, np.array(positions, np.float64).reshape(-1, 3))
+    return _check(path, np.array(positions, np.float64).reshape(-1, 3))
 
 
-def _checked(path: Path, positions: F64) -> F64:
+def _check(path: Path, positions: F64) -> F64:
     if not np.isfinite(positions).all():
         row = int(np.flatnonzero(~np.isfinite(positions).all(axis=1))[0])
         raise wrong(str(path), f"point {row + 1} is not at a finite place; {EXPORT_AGAIN}")

@@ -104,7 +104,7 @@ class Record:
         if value is None:
             raise self.fault(key, f"{key} is missing; {EXPORT_AGAIN}")
         if isinstance(value, bool) or not isinstance(value, int | float) or not abs(value) <= _FAR:
-            raise self.fault(key, f"{key} is {_shown(value)}, not a finite number; {EXPORT_AGAIN}")
+            raise self.fault(key, f"{key} is {_show(value)}, not a finite number; {EXPORT_AGAIN}")
         return float(value)
 
     def positive(self, key: str, default: float | None = None) -> float:
@@ -208,7 +208,7 @@ def how_to_draw(model: str, otherwise: str) -> str:
     return f"lenses of model {model} cannot be drawn; {advice}"
 
 
-def inverted(pose: F64) -> F64:
+def invert(pose: F64) -> F64:
     """The (4, 4) inverse of a rotation and translation."""
     inverse = np.eye(4)
     inverse[:3, :3] = pose[:3, :3].T
@@ -221,7 +221,7 @@ def focal_of_angle(angle: float, pixels: int) -> float:
     return pixels / (2 * math.tan(angle / 2))
 
 
-def _shown(value: object) -> str:
+def _show(value: object) -> str:
     return repr(value)[:40]
 
 
@@ -253,5 +253,5 @@ def inria_camera(record: Record) -> Camera:
     camera_to_world[:3, :3] = record.numbers("rotation", 3, 3)
     camera_to_world[:3, 3] = record.numbers("position", 3)
     centre = record.number("cx", width / 2), record.number("cy", height / 2)
-    pose = inverted(camera_to_world)
+    pose = invert(camera_to_world)
     return record.camera("rotation", pose, (width, height), focal, centre, record.text("img_name"))

@@ -25,7 +25,7 @@ import numpy as np
 from scarfmt.arrays import F64
 from scarfmt.errors import InputWarning, InvalidInput
 from scarfmt.render.camera import Camera
-from scarfmt.render.capture.record import EXPORT_AGAIN, Distorted, Record, focal_of_angle, how_to_draw, inverted
+from scarfmt.render.capture.record import EXPORT_AGAIN, Distorted, Record, focal_of_angle, how_to_draw, invert
 
 DATAPARSER = "dataparser_transforms.json"
 PINHOLE_MODELS = ("", "PINHOLE", "SIMPLE_PINHOLE", "OPENCV", "SIMPLE_RADIAL", "RADIAL", "FULL_OPENCV")
@@ -73,7 +73,7 @@ def transforms_distorted(file: str, document: Mapping[str, Any], frames: list[An
         return []
     splits = _splits(file, document)
     placed = _Placement.of(file, document, dataparser)
-    return [_distorted(record, _camera(record, placed, splits)) for record in records]
+    return [_read_distortion(record, _camera(record, placed, splits)) for record in records]
 
 
 def transforms_points(file: str, document: Mapping[str, Any], dataparser: Any, points: F64) -> F64:
@@ -106,7 +106,7 @@ class _Placement:
         transform = scene.affine("transform")
         scene.check_rotation("transform", transform[:3, :3])
         scale = scene.positive("scale", 1.0) / whole.positive("applied_scale", 1.0)
-        return _Placement(transform @ inverted(applied), scale)
+        return _Placement(transform @ invert(applied), scale)
 
     def __call__(self, camera_to_world: F64) -> F64:
         placed: F64 = self.transform @ camera_to_world
@@ -141,7 +141,7 @@ def _not_drawn(record: Record) -> InvalidInput:
     return record.fault("camera_model", how_to_draw(_lens_model(record)[:40], advice))
 
 
-def _distorted(record: Record, camera: Camera) -> Distorted:
+def _read_distortion(record: Record, camera: Camera) -> Distorted:
     """Distortion as OpenCV defines it, whose coefficients the file has; they are radial but for p1 and p2."""
     k1, k2, k3, k4, p1, p2 = (record.number(key, 0.0) for key in _DISTORTIONS)
     pinhole = (camera.fx, camera.fy, camera.cx, camera.cy)
@@ -166,7 +166,7 @@ def _camera(record: Record, placed: _Placement, splits: dict[str, str]) -> Camer
     centre = record.number("cx", width / 2), record.number("cy", height / 2)
     camera_to_world = record.affine("transform_matrix")
     record.check_rotation("transform_matrix", camera_to_world[:3, :3])
-    pose = inverted(placed(camera_to_world @ _FLIP))
+    pose = invert(placed(camera_to_world @ _FLIP))
     name = record.text("file_path")
     focal = focal_x or focal_y, focal_y
     return record.camera("transform_matrix", pose, size, focal, centre, name, splits.get(_plain(name), ""))

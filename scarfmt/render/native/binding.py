@@ -10,7 +10,7 @@ from pathlib import Path
 
 from scarfmt.arrays import F64
 from scarfmt.errors import InvalidInput
-from scarfmt.native.binding import Absent, Signatures, find_library, opened
+from scarfmt.native.binding import Absent, Signatures, find_library, open_library
 from scarfmt.render.camera import Camera
 
 INTERFACE = 4
@@ -129,7 +129,7 @@ def load() -> ctypes.CDLL:
         InvalidInput: ``input-dependency``: it was not built, or for another machine or version.
     """
     try:
-        library = opened(find_library("scarfmt.render.native", Path(__file__).parent), _SIGNATURES)
+        library = open_library(find_library("scarfmt.render.native", Path(__file__).parent), _SIGNATURES)
         built = library.scar_render_interface(), library.scar_render_structs()
         if built != (INTERFACE, _STRUCTS):
             raise Absent(f"it was built from another version: {built}, not {(INTERFACE, _STRUCTS)}")

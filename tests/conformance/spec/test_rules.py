@@ -6,7 +6,7 @@ import re
 
 from conformance.expect.json_text import json_text
 from conformance.spec.rules import RULES, coverage, faults, vectors
-from conformance.spec.spec_text import RULE_ID, checks, defined, refusal_classes, rules, text
+from conformance.spec.spec_text import RULE_ID, checks, find_rules, refusal_classes, rules, text
 
 KNOWN = vectors()
 
@@ -30,7 +30,7 @@ def test_every_rule_of_a_file_that_prints_an_id_has_a_vector() -> None:
 
 def test_every_rule_is_defined_once_and_every_rule_cited_exists() -> None:
     """A withdrawn rule is named by its withdrawal only."""
-    listed = [rule for rule, _ in defined(text())]
+    listed = [rule for rule, _ in find_rules(text())]
     assert len(listed) == len(set(listed))
     withdrawn = set(re.findall(r"Withdrawn[^:]*:(.*?)\n\n", text(), re.DOTALL))
     cited = set(RULE_ID.findall(text()))

@@ -12,14 +12,14 @@ from scarfmt_conformance.archive import read
 
 from conformance.decoders.python import arithmetic as readable_arithmetic
 from conformance.spec import worked_network
-from conformance.spec.spec_tables import generated
+from conformance.spec.spec_tables import generate
 from conformance.spec.spec_text import ROOT, refusal_classes, text
 from conformance.writer.oracle import Oracle
 from fuzz.testing.network_rows import first_rows, member_rows
 from reference_decoder.decode import decode
 from scarfmt import limits
 from scarfmt.coding.reader import SceneReader
-from scarfmt.coding.work import declared_work
+from scarfmt.coding.work import compute_work
 from scarfmt.container.schema import SIGNATURE, VERSION, BlockFlag, Stream
 from scarfmt.container.source import BytesSource
 from scarfmt.neural import tables
@@ -46,7 +46,7 @@ def rows(part: str) -> list[list[str]]:
 
 
 def test_generated_parts_are_up_to_date() -> None:
-    for page, made in generated().items():
+    for page, made in generate().items():
         assert made == page.read_text(), "run python -m conformance.spec.spec_tables --write"
 
 
@@ -106,9 +106,9 @@ def test_the_worked_network_gives_the_frequencies_printed() -> None:
     h = evaluator.embed(np.array([x]))
     start = evaluator.start(1)
     stage_one = evaluated("stage 1: frequencies")
-    y = evaluator.mixed(h, start)
+    y = evaluator.mix(h, start)
     assert (first_rows(evaluator, 0, y)[0] + 1).tolist() == stage_one == oracle.top(0, oracle.context(x, []))
-    y = evaluator.mixed(h, evaluator.advance(start, 1, np.array([first])))
+    y = evaluator.mix(h, evaluator.advance(start, 1, np.array([first])))
     clusters = evaluated("stage 2, cluster: frequencies")
     members = evaluated("stage 2, member of cluster 1: frequencies")
     assert y[0].tolist() == evaluated("stage 2: y") == oracle.context(x, [first])
@@ -159,4 +159,4 @@ def test_the_values_of_work_are_the_codes() -> None:
         k, models, splits, tiles, anchors, an_anchor, work = map(int, numbers)
         reader = SceneReader(BytesSource(read(id_.strip("`"))))
         extent = reader.extent(k, np.arange(reader.header.tile_count))
-        assert work == declared_work(reader.models(k), *extent) == models + splits + tiles + anchors * an_anchor
+        assert work == compute_work(reader.models(k), *extent) == models + splits + tiles + anchors * an_anchor

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 from click.testing import CliRunner
-from scarfmt_conformance.archive import members, names, pack, unpacked
+from scarfmt_conformance.archive import members, names, pack, unpack
 from scarfmt_conformance.manifest import check_file, find_suite, load_expectation, open_suite
 
 from scarfmt.cli import cli
@@ -45,7 +45,7 @@ def test_equal_vectors_make_equal_archives(archive: Path, tmp_path: Path) -> Non
 
 def test_the_archives_of_a_checkout_are_the_suite(archive: Path) -> None:
     """The same files as from the one zip."""
-    with unpacked(archive) as one, unpacked(CONFORMANCE) as folder:
+    with unpack(archive) as one, unpack(CONFORMANCE) as folder:
         assert {p.relative_to(one) for p in one.rglob("*.*")} == {p.relative_to(folder) for p in folder.rglob("*.*")}
 
 

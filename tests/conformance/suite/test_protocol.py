@@ -14,7 +14,7 @@ from scarfmt_conformance.protocol import (
     Refusal,
     Values,
     command,
-    filled,
+    fill,
     parse,
     template,
 )
@@ -27,14 +27,14 @@ def test_a_command_is_split_as_a_shell_would_and_filled_without_one() -> None:
     words = template("'my decoder' --in={file} {k}/{layers} {s} {stage} {other}")
     question = Question(Path("/a b/{stage};$(x).scar"), 2, "all")
     expected = ["my decoder", "--in=/a b/{stage};$(x).scar", "2/2", "all", "all", "{other}"]
-    assert filled(words, question) == expected
+    assert fill(words, question) == expected
 
 
 def test_a_command_may_ask_for_the_camera() -> None:
     """Three numbers that read back exactly; nothing where no camera is asked for."""
     words = template("x {file} {layers} {stage} --camera={camera}")
-    assert filled(words, Question(Path("a"), 0, "all", (1e272, -0.1, 0.0)))[-1] == "--camera=1e+272,-0.1,0.0"
-    assert filled(words, Question(Path("a"), 0, "all"))[-1] == "--camera="
+    assert fill(words, Question(Path("a"), 0, "all", (1e272, -0.1, 0.0)))[-1] == "--camera=1e+272,-0.1,0.0"
+    assert fill(words, Question(Path("a"), 0, "all"))[-1] == "--camera="
 
 
 @pytest.mark.parametrize(

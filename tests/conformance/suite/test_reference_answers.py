@@ -62,8 +62,8 @@ def test_answers_do_not_depend_on_the_byte_order_of_the_machine() -> None:
     for dtype in ("u1", "<u2", "<u8", "<i4", "<f4", "<f8"):
         here = {"a": np.arange(5).astype(dtype)}
         there = {"a": here["a"].astype(here["a"].dtype.newbyteorder(">"))}
-        assert answers.hashed(there) == answers.hashed(here)
-        assert answers.encoded(there) == answers.encoded(here)
+        assert answers.hash_arrays(there) == answers.hash_arrays(here)
+        assert answers.encode_arrays(there) == answers.encode_arrays(here)
 
 
 # ------------------------------------------------------------------------------------------------ refusals

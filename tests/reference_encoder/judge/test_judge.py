@@ -21,7 +21,7 @@ from reference_encoder.judge.quality import Judge, Quality, cap_db, draw_gaussia
 from reference_encoder.options import EFFORTS, EncodeOptions
 from reference_encoder.tuning import JUDGED_SHARES, LEAST_JUDGED_VIEWS
 from scarfmt.render.camera import Camera, look_at, orbit_cameras
-from scarfmt.render.viewpoints import KINDS, Upright, resolved
+from scarfmt.render.viewpoints import KINDS, Upright, resolve_frame
 from scarfmt.scene.gaussians import GaussianScene
 from tests.render.scenes import random_scene
 
@@ -35,7 +35,7 @@ def scene() -> GaussianScene:
 
 
 def _views(scene: GaussianScene, options: EncodeOptions, sight: ViewSet, count: int = 300) -> Views:
-    return judging_views(scene, options, resolved(scene, options.frame), sight, count)
+    return judging_views(scene, options, resolve_frame(scene, options.frame), sight, count)
 
 
 def _outside(*cameras: Camera) -> Views:
@@ -156,7 +156,7 @@ def test_a_layer_with_holes_looks_no_better_than_its_worse_places_allow(low: flo
 def test_layers_are_looked_at_from_fewer_of_the_judging_views(scene: GaussianScene) -> None:
     """As many of each kind, no others than the judge has, and none counts for more than said."""
     judge = _judge(scene)
-    few = judge.thinned(4, 35.0)
+    few = judge.thin(4, 35.0)
     assert {kind: len(pairs) for kind, pairs in few.seen.items()} == dict.fromkeys(KINDS, 4)
     assert all(id(pair) in set(map(id, judge.seen[kind])) for kind, pairs in few.seen.items() for pair in pairs)
     assert few.quality(scene).mean_db == pytest.approx(35)
@@ -190,8 +190,8 @@ def test_the_verdict_names_the_place_of_the_worst_view(kind: str, place: str) ->
 )
 def test_a_target_that_is_missed_is_named_with_what_to_ask_for(asked: dict[str, Any], said: str) -> None:
     found = Quality({"orbit": np.append(np.full(9, 30.0), np.full(9, 42.0))}, {"orbit": 1.0})
-    assert found.missed(EncodeOptions(**asked)) == said
-    assert Quality({}, {}).missed(EncodeOptions(**asked)) == ""
+    assert found.explain_miss(EncodeOptions(**asked)) == said
+    assert Quality({}, {}).explain_miss(EncodeOptions(**asked)) == ""
 
 
 def test_kinds_count_by_their_shares() -> None:

@@ -64,7 +64,7 @@ def bytes_and_psnr(data: bytes) -> tuple[int, float]:
     layers = Container(BytesSource(data)).header.layers
     framing = sum(layer.stream_bytes[Stream.FRAMING] for layer in layers)
     around, found = Surroundings.of(example(), AUTO), decode(data).scene
-    cameras = [camera.sampled(4) for kind in KINDS for camera in viewpoints(around, kind, 8, seed=99)]
+    cameras = [camera.sample(4) for kind in KINDS for camera in viewpoints(around, kind, 8, seed=99)]
     levels = [min(psnr(render(example(), eye), render(found, eye)), 60.0) for eye in cameras]
     return len(data) - framing, float(np.mean(levels))
 

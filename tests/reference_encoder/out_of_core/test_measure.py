@@ -77,7 +77,7 @@ def test_a_piece_of_a_range_and_proxies_of_the_rest_stand_for_all(monkeypatch: p
     rows, (first, past) = choose_piece(chain.overview, part, scene)
     assert past - first == 3
     assert np.array_equal(rows, whole[first * chain.overview.run : past * chain.overview.run])
-    drawn = chain.overview.drawn(part, scene.take(rows), (first, past)).scene
+    drawn = chain.overview.make_drawable(part, scene.take(rows), (first, past)).scene
     assert len(drawn) == len(rows) + len(chain.overview.proxies) - 3
 
 

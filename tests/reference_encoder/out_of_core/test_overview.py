@@ -31,7 +31,7 @@ def test_a_range_is_drawn_with_proxies_of_the_others_only() -> None:
     ranges = partition(example(), 1200)
     overview = overviewed(example(), ranges)
     part, scene = ranges[1]
-    drawn = overview.drawn(part, scene).scene
+    drawn = overview.make_drawable(part, scene).scene
     own = overview.edges[2] - overview.edges[1]
     assert own > 0
     assert len(drawn) == len(scene) + len(overview.proxies) - own

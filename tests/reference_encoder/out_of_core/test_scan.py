@@ -18,8 +18,8 @@ from reference_encoder.out_of_core.scan import (
     bounds_of,
     count_chunk,
     counts_in,
-    crowded,
     divide,
+    find_crowded,
     first_cells,
     partition,
     scan_chunk,
@@ -91,7 +91,7 @@ def test_counts_of_chunks_add_up_and_crowded_cells_are_counted_deeper(tmp_path: 
         return counts_in(work, names)
 
     cells = first_cells(*counted(3), 3)
-    full = crowded(cells, 200)
+    full = find_crowded(cells, 200)
     assert len(full)
     deeper = divide(cells, *counted(3 + DEEPER, full))
     assert deeper.count.sum() == cells.count.sum() == 2000
@@ -145,7 +145,7 @@ def test_one_place_that_holds_everything_is_divided(size: int) -> None:
     """An outlier can leave all others in one cell of the first count."""
     paths = np.sort(np.append(np.arange(2000, dtype=np.uint64) << np.uint64(12), np.uint64(END - 1)))
     cells = cells_of(paths, 2)
-    while len(full := crowded(cells, size)):
+    while len(full := find_crowded(cells, size)):
         depth = int(cells.depth.max()) + 5
         codes = paths >> np.uint64(3 * (MAX_TILE_DEPTH - depth))
         codes = codes[np.isin(codes >> np.uint64(15), full)]
@@ -158,5 +158,5 @@ def test_one_place_that_holds_everything_is_divided(size: int) -> None:
 def test_what_lies_in_one_point_stays_together() -> None:
     """Nothing tells such Gaussians apart: their range holds more than was asked for."""
     cells = cells_of(np.full(500, 77, np.uint64), MAX_TILE_DEPTH)
-    assert not len(crowded(cells, 10))
+    assert not len(find_crowded(cells, 10))
     assert [one.count for one in partition(cells, 10, 10)] == [500]

@@ -28,7 +28,7 @@ def clock(monkeypatch: pytest.MonkeyPatch) -> Clock:
 
 def _measure(found: Budget, clock: Clock, **seconds: float) -> None:
     for what, each in seconds.items():
-        with found.measured(what):
+        with found.note(what):
             clock.now += each
 
 
@@ -37,11 +37,11 @@ def test_what_is_kept_for_the_end_follows_what_coding_and_drawing_take(clock: Cl
     found = Budget(TrainOptions(minutes=10), 0.0)
     _measure(found, clock, coding=1.0, picture=0.1)
     found.pictures = 40
-    quick = found.kept()
+    quick = found.estimate_end()
     clock.now = 530.0
     assert found.done(100) < 1
     _measure(found, clock, coding=8.0, picture=1.0)
-    assert found.kept() > quick + 20
+    assert found.estimate_end() > quick + 20
     assert found.done(101) >= 1
 
 
@@ -63,7 +63,7 @@ def test_reading_counts_but_one_iteration_is_made(clock: Clock) -> None:
     found.begin()
     clock.now = 5.0
     assert found.spent == 25
-    assert found.done(1) == pytest.approx(1 / (60 - 24 - found.kept()))
+    assert found.done(1) == pytest.approx(1 / (60 - 24 - found.estimate_end()))
     found = Budget(TrainOptions(minutes=1), 70.0)
     assert found.spent == 70
     clock.now = 6.0

@@ -122,4 +122,4 @@ def test_exposures_go_on_from_a_checkpoint(capture: Capture, uneven: list[float]
     for trainer in (whole, second):
         _steps(trainer, 40, 60, 60).finish()
     assert torch.equal(whole.state.exposures, second.state.exposures)
-    assert write_scene(whole.written()) == write_scene(second.written())
+    assert write_scene(whole.quantise()) == write_scene(second.quantise())

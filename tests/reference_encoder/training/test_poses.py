@@ -165,7 +165,7 @@ def test_without_colmap_the_line_says_what_to_install(photos: Path, monkeypatch:
 
 def distorted_photo(camera: Camera) -> U8:
     """The picture of `camera` through a lens of COLMAP's SIMPLE_RADIAL model."""
-    wide = camera.sized(2 * WIDTH, 2 * HEIGHT)
+    wide = camera.resize(2 * WIDTH, 2 * HEIGHT)
     wide = replace(wide, fx=2 * camera.fx, fy=2 * camera.fy, cx=2 * camera.cx, cy=2 * camera.cy)
     seen = to_bytes(render(captures.scene(), replace(wide, width=2 * WIDTH, height=2 * HEIGHT)))
     row, column = np.mgrid[:HEIGHT, :WIDTH] + 0.5

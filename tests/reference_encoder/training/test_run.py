@@ -33,7 +33,7 @@ def test_the_file_is_what_was_learnt(capture: Capture, preset: str) -> None:
     for iteration in range(40):
         trainer.step(iteration / 40)
     trainer.finish()
-    data = smallest_file(trainer.written(), trainer.joint)
+    data = smallest_file(trainer.quantise(), trainer.joint)
     camera = capture.test[0].camera
     for layer in range(3):
         model = scarfmt.decode(scarfmt.truncate(data, layer + 1)).scene
@@ -141,7 +141,7 @@ def test_the_same_scene_with_any_number_of_threads(capture: Capture, preset: str
             for iteration in range(12):
                 trainer.step(iteration / 12)
             trainer.finish()
-            files.append(write_scene(trainer.written()))
+            files.append(write_scene(trainer.quantise()))
         torch.set_num_threads(1)
     assert files[0] == files[1] == files[2]
 

@@ -13,10 +13,10 @@ def test_rounded_values_are_the_integers_of_the_file() -> None:
     assert bool((state.missing(rows, 2) == 0).all())
     integers, offsets = state.integers(rows, state.missing(rows, 2))
     widths = torch.exp(state.log_widths.detach())
-    last = state.priced(rows, 2, True)
+    last = state.price(rows, 2, True)
     assert torch.allclose(last.values, integers * widths)
     assert torch.allclose(last.offsets, offsets * torch.exp(state.log_offset_widths.detach()))
-    first = state.priced(rows, 0, True)
+    first = state.price(rows, 0, True)
     assert torch.allclose(first.values[:, :6], torch.round(integers[:, :6] / 3) * 3 * widths[:6])
 
 
@@ -28,11 +28,11 @@ def test_anchors_of_the_last_layer_alone_have_cells_three_times_as_wide() -> Non
     widths = torch.exp(state.log_widths.detach())
     cells = widths * torch.where(rows % 2 == 0, 1.0, 3.0)[:, None]
     integers, _ = state.integers(rows, state.missing(rows, 2))
-    last = state.priced(rows, 2, True)
+    last = state.price(rows, 2, True)
     assert torch.allclose(last.values, integers * cells)
     assert torch.equal(last.widths.detach(), cells)
     exact = torch.cat([state.anchors.scaling, state.anchors.latent], dim=1)
-    off = (state.priced(rows, 2, False).values - exact).abs()
+    off = (state.price(rows, 2, False).values - exact).abs()
     assert bool((off <= 0.5 * cells + 1e-5).all())
     assert bool((off > 0.5 * widths)[1::2].any())
 
@@ -43,7 +43,7 @@ def test_noise_stays_within_a_cell() -> None:
     state.anchors.first[:] = 0
     rows = torch.arange(len(state.anchors))
     for layer, coarseness in ((0, 3.0), (2, 1.0)):
-        noisy = state.priced(rows, layer, False).values
+        noisy = state.price(rows, layer, False).values
         exact = torch.cat([state.anchors.scaling, state.anchors.latent], dim=1)
         assert bool(((noisy - exact).abs() <= 0.5 * coarseness * torch.exp(state.log_widths) + 1e-5).all())
 
@@ -67,4 +67,4 @@ def test_in_view_are_the_anchors_that_a_layer_shows() -> None:
     everyone = state.in_view(camera, state.plan.count - 1)
     early = state.in_view(camera, 0)
     assert 0 < len(early) < len(everyone)
-    assert torch.equal(early, everyone[state.shown(everyone, 0).any(dim=1)])
+    assert torch.equal(early, everyone[state.find_shown(everyone, 0).any(dim=1)])

@@ -107,7 +107,7 @@ def _stages(reader: SceneReader, layers: int, stage: str, manner: Manner) -> Ite
         return
     models = reader.models(layers or None)
     if "models" in wanted:
-        yield "models", hashed(of.models(models))
+        yield "models", hash_arrays(of.models(models))
     if wanted == ("models",):
         return
     found = of.decoding(reader, models)
@@ -115,9 +115,9 @@ def _stages(reader: SceneReader, layers: int, stage: str, manner: Manner) -> Ite
         of.check_native(found)
     for name, arrays in of.EXACT.items():
         if name in wanted:
-            yield name, hashed(arrays(found))
+            yield name, hash_arrays(arrays(found))
     if "activated" in wanted:
-        yield "activated", encoded(of.activated_arrays(found.decoded, np.float64, manner.camera))
+        yield "activated", encode_arrays(of.activated_arrays(found.decoded, np.float64, manner.camera))
 
 
 def _little(array: NDArray[Any]) -> NDArray[Any]:
@@ -125,7 +125,7 @@ def _little(array: NDArray[Any]) -> NDArray[Any]:
     return array.astype(array.dtype.newbyteorder("<"))
 
 
-def hashed(arrays: dict[str, NDArray[Any]]) -> Answer:
+def hash_arrays(arrays: dict[str, NDArray[Any]]) -> Answer:
     """Arrays of an exact stage as they are answered: hashes, and the first numbers for someone who looks for a bug."""
     out = {}
     for name, array in sorted(arrays.items()):
@@ -139,7 +139,7 @@ def hashed(arrays: dict[str, NDArray[Any]]) -> Answer:
     return {"arrays": out}
 
 
-def encoded(arrays: dict[str, NDArray[Any]]) -> Answer:
+def encode_arrays(arrays: dict[str, NDArray[Any]]) -> Answer:
     """Activated arrays as they are answered: the numbers themselves, in base64."""
     out = {}
     for name, array in sorted(arrays.items()):

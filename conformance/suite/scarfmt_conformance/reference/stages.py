@@ -160,7 +160,7 @@ def context(found: Decoding) -> Arrays:
         places = zip(found.reader.container.tiles, found.contents, strict=True)
         filled = ((tile_frame(fields, tile), content.codes) for tile, content in places if len(content))
         parts = [grid.features(cell_centres(frame, codes)) for frame, codes in filled]
-        out["grid.features"] = _stacked(parts, (grid.width,), "i4")
+        out["grid.features"] = _stack(parts, (grid.width,), "i4")
     return out
 
 
@@ -172,7 +172,7 @@ def frequencies(found: Decoding) -> Arrays:
 def indices(found: Decoding) -> Arrays:
     """Codeword numbers."""
     width = found.models.model.max_stages
-    return {"index": _stacked([content.indices for content in found.contents], (width,), "u2")}
+    return {"index": _stack([content.indices for content in found.contents], (width,), "u2")}
 
 
 def integers(found: Decoding) -> Arrays:
@@ -182,15 +182,15 @@ def integers(found: Decoding) -> Arrays:
     sizes = [len(content) for content in contents]
     out: Arrays = {
         "tile": np.repeat(np.arange(len(contents), dtype="u4"), sizes),
-        "code": _stacked([content.codes for content in contents], (), "u8"),
-        "class": _stacked([content.classes for content in contents], (), "u1"),
+        "code": _stack([content.codes for content in contents], (), "u8"),
+        "class": _stack([content.classes for content in contents], (), "u1"),
     }
     if empty.slot_layers.shape[1]:
         slots = [content.slot_layers for content in contents]
-        out["slot_layer"] = _stacked(slots, empty.slot_layers.shape[1:], "u1")
+        out["slot_layer"] = _stack(slots, empty.slot_layers.shape[1:], "u1")
     for index, channel in enumerate(model.channels):
         values = [content.values[index] for content in contents]
-        out[f"v.{channel.stream.name}"] = _stacked(values, empty.values[index].shape[1:], "i4")
+        out[f"v.{channel.stream.name}"] = _stack(values, empty.values[index].shape[1:], "i4")
     return out
 
 
@@ -225,7 +225,7 @@ def activated_arrays(decoded: Decoded, dtype: type, camera: Sequence[float] | No
             where only float32 is too narrow.
         camera: centre of the camera, world units, for Gaussians of the anchor profile; None: `origin` of the header.
     """
-    scene = decoded.activated(dtype)
+    scene = decoded.activate(dtype)
     if isinstance(scene, GaussianScene):
         return _gaussians(scene)
     return {"feature": scene.features, **_slots(scene, np.array(camera or decoded.fields.origin), dtype)}
@@ -259,6 +259,6 @@ EXACT: dict[str, Callable[[Decoding], Arrays]] = {
 """Exact stages that need a decode of the tiles."""
 
 
-def _stacked(parts: list[NDArray[Any]], row: tuple[int, ...], dtype: str) -> NDArray[Any]:
+def _stack(parts: list[NDArray[Any]], row: tuple[int, ...], dtype: str) -> NDArray[Any]:
     """The rows of all tiles, of shape `row` each; none where there is no tile."""
     return np.concatenate([np.zeros((0, *row), dtype), *(part.astype(dtype) for part in parts)])

@@ -8,7 +8,7 @@ import torch
 
 from reference_encoder.training.networks import choose_predictors as module
 from reference_encoder.training.networks.choose_predictors import Sample, choose_predictors, coded_bits, expected_bits
-from reference_encoder.training.networks.predictor_training import FloatNet, float_contexts, quantised
+from reference_encoder.training.networks.predictor_training import FloatNet, float_contexts, quantise
 from scarfmt.blocks.predictors import pack_predictors
 from scarfmt.blocks.tables import fit_table, table_bits
 from scarfmt.coding.tile import NeuralModels, TileContent, put_layer
@@ -113,7 +113,7 @@ def test_quantised_networks_give_nearly_the_contexts_of_the_exact_one() -> None:
         rng.normal(0, 1, 2),
     )
     outputs, buckets = net.outputs(x.astype(np.float64)), (8, 4)
-    predictor = quantised(net, x, outputs, (Stream.SCALE, 0, 2), buckets)
+    predictor = quantise(net, x, outputs, (Stream.SCALE, 0, 2), buckets)
     predictor.check()
     want, found = float_contexts(outputs, buckets), predictor.contexts(x.astype(np.float32))
     assert np.mean(want == found) > 0.8

@@ -178,7 +178,7 @@ def test_the_file_codes_with_the_very_frequencies_of_training(shape: NetworkShap
     with torch.no_grad():
         embedded = model.embed(inputs)
         for stage in range(1, 4):
-            book, y = min(stage - 1, 1), evaluator.mixed(h, state)
+            book, y = min(stage - 1, 1), evaluator.mix(h, state)
             mine = model.context(embedded, model.histories(codes, stage - 1))
             head = model.head[book]
             count = len(head.sizes) or head.count
@@ -208,7 +208,7 @@ def test_attention_codes_with_the_very_frequencies_of_training() -> None:
         embedded, states = model.embed(inputs), model.histories(codes, 2)
         mine = model.context(embedded, states)
         forgetful = model.context(embedded, states[:1] * 3)
-    np.testing.assert_array_equal(mine.numpy(), evaluator.mixed(h, state))
+    np.testing.assert_array_equal(mine.numpy(), evaluator.mix(h, state))
     assert not torch.equal(mine, forgetful)
 
 
@@ -225,7 +225,7 @@ def test_training_teaches_attention_what_to_ask() -> None:
 
 def test_coded_bytes_are_those_estimated() -> None:
     model, evaluator, rows = _exported(SHAPE, False)
-    y = evaluator.mixed(evaluator.embed(rows.inputs), evaluator.start(len(rows)))
+    y = evaluator.mix(evaluator.embed(rows.inputs), evaluator.start(len(rows)))
     encoder = RansEncoder()
     encoder.encode_rows(rows.codes[:, 0].astype(np.int64), first_rows(evaluator, 0, y))
     estimate = measure(model, Examples(rows))[0] / 8
