@@ -33,7 +33,7 @@ from reference_encoder.tuning import (
     SURVEY_SEED,
     TUNING_SEED,
 )
-from scarfmt.render.camera import Camera, warn_if_half_is_small
+from scarfmt.render.camera import Camera, warn_if_much_lies_apart
 from scarfmt.render.viewpoints import KINDS, Surroundings, Upright, beside, resolve_frame, viewpoints
 from scarfmt.scene.gaussians import GaussianScene
 
@@ -91,10 +91,10 @@ def sample_views(scene: GaussianScene, options: EncodeOptions, count: int | None
         InvalidInput: ``input-frame``; ``input-empty`` if no position is finite.
 
     Warns:
-        InputWarning: without cameras, half of the scene is too small to be seen from everywhere.
+        InputWarning: without cameras, most of the scene lies far from where it is looked at.
     """
     if not options.cameras:
-        warn_if_half_is_small(scene.positions)
+        warn_if_much_lies_apart(scene.positions)
     up, counts = resolve_frame(scene, options.frame), count_views(options.effort, count or len(scene))
     given = given_cameras(options)
     return _draw(scene, options, up, given, False, counts, SURVEY_SEED, SURVEY_SAMPLES, KIND_SHARES)

@@ -191,8 +191,31 @@ def look_at(
     return Camera(width, height, focal, focal, width / 2, height / 2, pose, name, near=near)
 
 
+def find_subject(positions: F64) -> Bools:
+    """(N,) bool: finite positions; where half of them fill next to nothing of the 10-90 % core, as before a wide sky,
+    those around this half. Found anew in these, until that holds no more.
+
+    Args:
+        positions: (N, 3) float64.
+    """
+    found = np.flatnonzero(np.isfinite(positions).all(axis=1))
+    while len(found) > 1:
+        ordered = np.sort(positions[found[:: -(-len(found) // _SUBJECT_SAMPLE)]], axis=0)
+        half = len(ordered) // 2
+        widths = ordered[half:] - ordered[: len(ordered) - half]
+        # The shortest interval on each axis that holds half of the positions.
+        first, size = ordered[widths.argmin(axis=0), np.arange(3)], widths.min(axis=0)
+        if not 0 < np.linalg.norm(size) < SMALL_PART * np.linalg.norm(np.ptp(np.percentile(ordered, [10, 90], 0), 0)):
+            break
+        at = positions[found]
+        found = found[((at >= first - size) & (at <= first + 2 * size)).all(axis=1)]
+    subject = np.zeros(len(positions), np.bool_)
+    subject[found] = True
+    return subject
+
+
 def core(scene: GaussianScene, upward: F64) -> tuple[F64, F64]:
-    """Middle and half extent, each (3,) float64, of the 10-90 % core of the positions per axis.
+    """Middle and half extent, each (3,) float64, of the 10-90 % core of the subject's positions per axis.
 
     Along the (3,) unit axis `upward` the middle is that of the core, so that a standing subject is not cut off
     at its thinner end; sideways it is the median, which stays with the subject where the background reaches far
@@ -201,10 +224,10 @@ def core(scene: GaussianScene, upward: F64) -> tuple[F64, F64]:
     Raises:
         InvalidInput: the scene has no Gaussian at a finite position.
     """
-    finite = scene.positions[np.isfinite(scene.positions).all(axis=1)]
-    if len(finite) == 0:
+    subject = scene.positions[find_subject(scene.positions)]
+    if len(subject) == 0:
         raise InvalidInput("input-empty", "the scene has no Gaussian at a finite position: nothing to look at")
-    low, middle, high = np.percentile(finite, [10, 50, 90], axis=0)
+    low, middle, high = np.percentile(subject, [10, 50, 90], axis=0)
     vertical = np.abs(upward)
     return middle * (1 - vertical) + (low + high) / 2 * vertical, (high - low) / 2
 
@@ -256,8 +279,11 @@ def orbit_cameras(
 SEEN_AT_LEAST = 0.02
 """Share of the Gaussians that half of the cameras must see. Captures have 59 and 98 %; with axes or world turned, 0 to
 3 % [0024]."""
-SMALL_PART = 0.05
-"""Part of the size of a core that half of a scene fills at least; ten real scenes: 0.40 to 0.57."""
+SMALL_PART = 0.15
+"""Part of the size of a core that half of a scene fills at least, or the core is that half; ten real scenes: 0.40 to
+0.57."""
+_SUBJECT_SAMPLE = 65_536
+"""Positions that tell where the subject is."""
 _POSITIONS, _CAMERAS = 4096, 1024
 
 
@@ -290,26 +316,21 @@ def warn_if_cameras_miss_scene(positions: F64, cameras: Sequence[Camera]) -> Non
         warnings.warn(message, InputWarning, stacklevel=3)
 
 
-def warn_if_half_is_small(positions: F64) -> None:
-    """Warn where half of a scene fills next to nothing of its core, as before a sky of many Gaussians: views that are
-    placed by the core do not come near.
+def warn_if_much_lies_apart(positions: F64) -> None:
+    """Warn where most of a scene lies outside of its subject: views that are placed by the core do not come near.
 
     Args:
         positions: (N, 3) float64, of Gaussians or anchors.
 
     Warns:
-        InputWarning: the shortest intervals that hold half of the positions, on each axis, measure less than a
-            twentieth of the core.
+        InputWarning: less than half of the positions belong to the subject (:func:`find_subject`).
     """
-    finite = np.sort(positions[np.isfinite(positions).all(axis=1)], axis=0)
-    half = len(finite) // 2
-    low, high = np.percentile(finite, [10, 90], axis=0) if half else np.zeros((2, 3))
-    size = np.linalg.norm(high - low)
-    filled = np.linalg.norm((finite[half:] - finite[: len(finite) - half]).min(axis=0)) if half else size
-    if filled < SMALL_PART * size:
+    subject = find_subject(positions)
+    if subject.mean() < 0.5:
+        size = np.linalg.norm(np.ptp(positions[subject], axis=0))
         message = (
-            f"half of the Gaussians lie within {filled:.2g} of a scene of {size:.2g}, too small to be seen from"
-            " everywhere: most of them may be lost; give cameras, or cut off what lies far away"
+            f"the encoder looks at {subject.mean():.0%} of the Gaussians, within {size:.2g} of each other; others lie"
+            " far away, and may be lost: give cameras, or encode parts of the scene by themselves"
         )
         warnings.warn(message, InputWarning, stacklevel=3)
 

@@ -22,7 +22,7 @@ import numpy as np
 
 from scarfmt.arrays import F64
 from scarfmt.container.morton import MAX_BITS, interleave
-from scarfmt.render.camera import AUTO, NEAR, Arc, Camera, core, look_at, upward_axes
+from scarfmt.render.camera import AUTO, NEAR, Arc, Camera, core, find_subject, look_at, upward_axes
 from scarfmt.scene.gaussians import GaussianScene
 from scarfmt.scene.rotation import matrix_from_quaternion
 
@@ -101,7 +101,7 @@ class _Faces:
     def of(scene: GaussianScene) -> _Faces | None:
         """The evidence of a sample of the Gaussians around the core; None if none of them is visible."""
         part = scene.take(np.arange(0, len(scene), max(1, -(-len(scene) // _SAMPLE))))
-        part = part.take(np.flatnonzero(np.isfinite(part.positions).all(axis=1)))
+        part = part.take(np.flatnonzero(find_subject(part.positions)))
         if not len(part):
             return None
         low, middle, high = np.percentile(part.positions, [10, 50, 90], axis=0)
@@ -160,7 +160,7 @@ class Surroundings:
         arc = Arc.parse(resolve_frame(scene, frame).up)
         axes = upward_axes(arc.up)
         middle, half = core(scene, axes[2])
-        places = choose_occupied(scene.positions[np.isfinite(scene.positions).all(axis=1)], float(np.linalg.norm(half)))
+        places = choose_occupied(scene.positions[find_subject(scene.positions)], float(np.linalg.norm(half)))
         return Surroundings(middle, half, axes, places, arc)
 
     @property

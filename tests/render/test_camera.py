@@ -10,8 +10,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from scarfmt.errors import InvalidInput
-from scarfmt.render.camera import Arc, Camera, look_at, orbit_cameras, warn_if_half_is_small
+from scarfmt.render.camera import Arc, Camera, core, find_subject, look_at, orbit_cameras, warn_if_much_lies_apart
 from scarfmt.render.rasterise import render
+from scarfmt.scene.gaussians import GaussianScene
 from tests.samples.codec_samples import refuses
 
 from .scenes import random_scene
@@ -116,14 +117,34 @@ def test_scaled_camera_sees_the_same_directions() -> None:
     np.testing.assert_allclose(np.array(_project(half, point)[:2]) * 2, _project(camera, point)[:2])
 
 
-@pytest.mark.parametrize(("far", "share", "warned"), [(100, 0.3, True), (100, 0.1, False), (5, 0.3, False)])
-def test_a_subject_before_a_wide_sky_is_warned_of(
-    recwarn: pytest.WarningsRecorder, far: float, share: float, warned: bool
+def _before_sky(far: float, share: float) -> GaussianScene:
+    """A ball of deviation 1 at (5, 0, 0), a share of it moved to a sphere so far away."""
+    rng, scene = np.random.default_rng(3), random_scene(3, 2000)
+    positions = rng.normal(size=(2000, 3))
+    sky = int(2000 * share)
+    positions[:sky] *= far / np.linalg.norm(positions[:sky], axis=1, keepdims=True)
+    positions[sky] = np.nan
+    return replace(scene, positions=positions + np.array([5.0, 0, 0]))
+
+
+@pytest.mark.parametrize(("far", "share"), [(30, 0.3), (1000, 0.4), (100, 0.25)])
+def test_the_core_is_the_subject_before_a_wide_sky(far: float, share: float) -> None:
+    middle, half = core(_before_sky(far, share), np.array([0.0, 1.0, 0.0]))
+    np.testing.assert_allclose(middle, [5, 0, 0], atol=0.2)
+    np.testing.assert_allclose(half, 1.28, rtol=0.15)
+
+
+def test_all_that_is_finite_is_the_subject_of_a_scene_without_a_sky() -> None:
+    positions = _before_sky(4, 0.3).positions
+    np.testing.assert_array_equal(find_subject(positions), np.isfinite(positions).all(axis=1))
+    assert find_subject(np.zeros((5, 3))).all()
+
+
+@pytest.mark.parametrize(("clusters", "warned"), [(3, True), (1, False)])
+def test_scenes_of_which_most_lies_far_from_the_rest_are_warned_of(
+    recwarn: pytest.WarningsRecorder, clusters: int, warned: bool
 ) -> None:
-    """Nothing is said where the core is the subject, whatever lies outside of it."""
-    rng = np.random.default_rng(3)
-    positions = rng.normal(size=(1000, 3))
-    positions[: int(1000 * share)] *= far
-    positions[-1] = np.nan
-    warn_if_half_is_small(positions)
-    assert any("half of the Gaussians" in str(each.message) for each in recwarn.list) == warned
+    positions = np.random.default_rng(3).normal(size=(999, 3))
+    positions[:, 0] += 300.0 * (np.arange(999) % clusters) ** 3
+    warn_if_much_lies_apart(positions)
+    assert any("far away" in str(each.message) for each in recwarn.list) == warned
