@@ -32,14 +32,7 @@ from PIL import Image
 from benchmarks import provenance
 from benchmarks.encode_cache import cache_path, file_key
 from benchmarks.judge import EQUAL_DB, bytes_at
-from benchmarks.report import (
-    RESULTS_PAGE,
-    add_provenance,
-    load_document,
-    replace_section,
-    save_results,
-    table,
-)
+from benchmarks.report import RESULTS_PAGE, add_provenance, load_document, replace_section, save_results, table
 from benchmarks.rivals import write_rival
 from benchmarks.rivals_formats import list_formats, read
 from benchmarks.rivals_tools import ToolFailed, install

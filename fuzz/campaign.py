@@ -220,9 +220,7 @@ def main(words: Sequence[str] | None = None) -> int:
         return 0
     numbers = range(arguments.first, arguments.first + arguments.count)
     until = time.monotonic() + 60 * arguments.minutes
-    tally = run_campaign(
-        Examiner(make, arguments.seconds, arguments.memory << 20), numbers, arguments.jobs, until
-    )
+    tally = run_campaign(Examiner(make, arguments.seconds, arguments.memory << 20), numbers, arguments.jobs, until)
     shown = {"outcomes": dict(tally.outcomes.most_common()), "slowest": tally.slowest, "findings": tally.findings}
     print(json.dumps({"inputs": tally.outcomes.total(), **shown}, indent=1))
     return bool(tally.findings)

@@ -19,9 +19,7 @@ _BULK = 0.9
 _DEVIATIONS = 2.0
 
 
-def build_streaming_block(
-    scene: QuantisedScene, drawn: GaussianScene | AnchorModel, opening: Camera
-) -> Streaming:
+def build_streaming_block(scene: QuantisedScene, drawn: GaussianScene | AnchorModel, opening: Camera) -> Streaming:
     """The block of a file.
 
     Args:

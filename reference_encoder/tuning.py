@@ -148,10 +148,7 @@ GAUSSIAN_COARSEST: dict[Stream, tuple[float, ...]] = {
     Stream.COLOUR: (1.5, 1.5, 1.8),
 }
 """Coarsest useful first cell of each component, in the units of SPEC §9 [0003]."""
-ANCHOR_COARSEST: dict[Stream, tuple[float, ...]] = {
-    Stream.POSITION_RESIDUAL: (1 / 3,) * 3,
-    Stream.SCALE: (0.9,) * 6,
-}
+ANCHOR_COARSEST: dict[Stream, tuple[float, ...]] = {Stream.POSITION_RESIDUAL: (1 / 3,) * 3, Stream.SCALE: (0.9,) * 6}
 """Coarsest useful first cell of each component in the anchor profile [0003]."""
 COARSEST_LATENT = 81.0
 """Coarsest step of each component of the latent channel, in lattice units [0005]."""

@@ -38,10 +38,7 @@ def test_embeddings_are_those_of_the_specification() -> None:
 def test_a_reader_tells_the_frequencies_of_every_group() -> None:
     """A table of one symbol counts, too, although it reads nothing; a group without symbols does not count."""
     key, sure = TableKey(Stream.INDICES, 2, 0, 3), TableKey(Stream.INDICES, 1, 0, 0)
-    tables = {
-        key: SymbolTable(np.array([-1, 4]), np.array([3, 1])),
-        sure: SymbolTable(np.array([7]), np.array([5])),
-    }
+    tables = {key: SymbolTable(np.array([-1, 4]), np.array([3, 1])), sure: SymbolTable(np.array([7]), np.array([5]))}
     writer = SymbolWriter(tables)
     writer.emit(key, np.array([4, -1]))
     writer.emit_uniform(2, np.array([1]))

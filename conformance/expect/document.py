@@ -119,11 +119,7 @@ def _agree(id_: str, found: dict[str, dict[str, Any]], arrays: Arrays) -> None:
 def _describe_activated(made: dict[str, Activated], layer: int) -> tuple[dict[str, Any], Extra]:
     paths = {name: f"activated/{layer}-{name}.bin" for name in made}
     rows = {
-        name: {
-            "shape": list(array.reference.shape),
-            "reference": paths[name],
-            "magnitude": array.magnitude is not None,
-        }
+        name: {"shape": list(array.reference.shape), "reference": paths[name], "magnitude": array.magnitude is not None}
         for name, array in made.items()
     }
     return {"arrays": rows}, {paths[name]: array.to_bytes() for name, array in made.items()}

@@ -104,8 +104,7 @@ def decoder_faults(static: bytes, coloured: bytes) -> Iterator[Fault]:
     yield "mlp-two-networks", "two networks in DECODER_MLP", "R-7.9-2", "bad-mlp", decoder((good,), (good,))
     yield "mlp-absent", "a stage, but no DECODER_MLP", "R-7.9-2", "missing-block", without(static, kind, 1)
     yield "mlp-again", "a second DECODER_MLP", "R-7.9-2", "unexpected-block", copy_block(coloured, kind, 2)
-    yield ("mlp-outputs", "no outputs for the coefficients of degree 0", "R-7.9-3", "bad-mlp",
-           decoder((_layer(9, 2),)))
+    yield ("mlp-outputs", "no outputs for the coefficients of degree 0", "R-7.9-3", "bad-mlp", decoder((_layer(9, 2),)))
     yield ("mlp-outputs-colour", "outputs for the coefficients of degree 0, which COLOUR gives", "R-7.9-3", "bad-mlp",
            change_block(coloured, kind, 1, lambda _: _networks((_layer(27, 5),))))
     yield "mlp-nine-networks", "nine networks", *_LIMIT, decoder(*[(good,)] * 9)
@@ -135,8 +134,7 @@ def scene_faults(anchors: bytes, explicit: bytes) -> Iterator[Fault]:
     opacity, covariance, colour = two(10), two(70), two(30)
     yield "scene-two", "two networks in SCENE_MLP", *_SCENE, scene(opacity, covariance)
     yield "scene-four", "four networks in SCENE_MLP", *_SCENE, scene(opacity, covariance, colour, colour)
-    yield ("scene-one-layer", "an opacity network of one layer", *_SCENE,
-           scene((_layer(10, 8),), covariance, colour))
+    yield ("scene-one-layer", "an opacity network of one layer", *_SCENE, scene((_layer(10, 8),), covariance, colour))
     yield ("scene-three-layers", "a colour network of three layers", *_SCENE,
            scene(opacity, covariance, (_layer(5, 8), _layer(5, 5), _layer(30, 5))))
     yield "scene-order", "covariance and colour swapped", *_SCENE, scene(opacity, colour, covariance)

@@ -12,15 +12,7 @@ from conformance.faults.number_faults import WORD, ending_long
 from conformance.scenes.cases import Fault
 from conformance.scenes.made import Plan, build, channel
 from conformance.surgery.edit import Changes, edit, further, renumber, replace_bytes
-from conformance.surgery.files import (
-    block_of,
-    blocks_of,
-    change_block,
-    change_numbers,
-    numbers_of,
-    rebuilt,
-    without,
-)
+from conformance.surgery.files import block_of, blocks_of, change_block, change_numbers, numbers_of, rebuilt, without
 from conformance.writer.file import write_file
 from conformance.writer.numbers import numbers_block
 from scarfmt.blocks.predictors import pack_predictors, unpack_predictors
@@ -31,9 +23,7 @@ from scarfmt.neural.predictors import Predictor
 from scarfmt.scene.model import MAX_CLASSES, DecodedContext, LayerRow
 
 _PREDICTORS = BlockKind.PREDICTORS
-_HEAD, _VALUES, _FIT, _ROWS = (
-    (rule, "bad-predictor") for rule in ("R-10.3-1", "R-10.3-2", "R-10.3-3", "R-10.1-1")
-)
+_HEAD, _VALUES, _FIT, _ROWS = ((rule, "bad-predictor") for rule in ("R-10.3-1", "R-10.3-2", "R-10.3-3", "R-10.1-1"))
 _LIMIT = "R-8.5-4", "count-limit"
 
 
@@ -118,8 +108,7 @@ def _scene_faults(base: bytes) -> Iterator[Fault]:
     late = [replace(block, layer=2) if (block.kind, block.layer) == (_PREDICTORS, 1) else block for block in blocks]
     yield ("predictor-late", "a predictor in the layer after that in which its step first travels", *_FIT,
            rebuilt(base, late))
-    yield ("predictor-inputs", "as many inputs as two depths have; the file has one", *_FIT,
-           with_context(base, 2, 40))
+    yield ("predictor-inputs", "as many inputs as two depths have; the file has one", *_FIT, with_context(base, 2, 40))
     # LATENT of 64 components and four depths: 15 + 3 + 64 + 4 * 66 = 346.
     channels = channel(Stream.SCALE, 0.5, 3), channel(Stream.LATENT, 1.5, 64)
     data = write_file(build(Plan(

@@ -11,15 +11,7 @@ import numpy as np
 from conformance.decoders.python.decoder import Decoder
 from conformance.decoders.python.work import Declared, Work
 from conformance.scenes.cases import Case
-from conformance.scenes.made import (
-    ANCHOR_CHANNELS,
-    EVERY_CHANNEL,
-    REFINED_ROWS,
-    SPREAD_TILES,
-    Plan,
-    build,
-    channel,
-)
+from conformance.scenes.made import ANCHOR_CHANNELS, EVERY_CHANNEL, REFINED_ROWS, SPREAD_TILES, Plan, build, channel
 from conformance.scenes.neural_models import GridPlan, NetworkPlan, PredictorPlan
 from conformance.surgery.files import blocks_of, numbers_of
 from conformance.surgery.parts import TILE_KIND, Parts, take_apart
@@ -181,9 +173,7 @@ def _fill(data: bytes, more: int, size: int) -> bytes:
 
 
 _BIG_GRID = GridPlan((0, 0, 0), 16, (GridLevel(0, 40, 12, 2), GridLevel(1, 5, 6, 1)))
-_SCALE_COLOUR = (
-    channel(Stream.SCALE, 0.5, 3), channel(Stream.COLOUR, 0.1, 3),
-)
+_SCALE_COLOUR = (channel(Stream.SCALE, 0.5, 3), channel(Stream.COLOUR, 0.1, 3))
 _DEEP = (
     LayerRow((1, 2), ((1, 1), (1, 1)), True), LayerRow((2, 2, 0), ((2, 2), (2, 2), (1, 1)), True),
     LayerRow((4, 3, 8), ((2, 2), (3, 3), (2, 2)), True),

@@ -65,9 +65,7 @@ def predictor_cases() -> Iterator[Case]:
             f"edge classes {name}", COLOURED, classes, WHOLE, (60,), bits=6, context=DecodedContext(1, (12, 3)),
             predictors=(PredictorPlan(Stream.SCALE, 0, 1, 3, classes=columns),
                         PredictorPlan(Stream.COLOUR, 2, 2, 0, classes=columns))), rules)
-    late = (
-        LayerRow((0,), ((1, 0),)), LayerRow((0, 0), ((2, 1), (1, 0))), LayerRow((0,) * 3, ((2, 3), (3, 1), (3, 3))),
-    )
+    late = (LayerRow((0,), ((1, 0),)), LayerRow((0, 0), ((2, 1), (1, 0))), LayerRow((0,) * 3, ((2, 3), (3, 1), (3, 3))))
     yield edge("predictors-late", "predictors of layer 1 in force for classes that appear in layers 2 and 3", Plan(
         "edge late predictors", COLOURED, late, (Tile(1, 0, 0), Tile(1, 0, 7)), (40, 9), bits=6,
         context=DecodedContext(1, (8,)), predictors=(
@@ -162,9 +160,7 @@ def _largest() -> QuantisedScene:
         weights[0, -1], weights[1, 15] = 32767, -32767
         return replace(predictor, hidden=None, output=Linear(weights, np.array([9, 16894]), 15), buckets=(16, 16))
 
-    return replace(scene, predictors={
-        layer: tuple(map(largest, group)) for layer, group in scene.predictors.items()
-    })
+    return replace(scene, predictors={layer: tuple(map(largest, group)) for layer, group in scene.predictors.items()})
 
 
 def _every() -> Plan:

@@ -200,10 +200,7 @@ def _scene_mlps(prng: Prng, plan: Plan) -> tuple[QuantisedMlp, ...]:
 
 def worked_scene() -> QuantisedScene:
     """The scene of SPEC §4.2: three anchors, two layers."""
-    channels = (
-        Channel(Stream.SCALE, (0.5, 0.5, 0.75)),
-        Channel(Stream.OPACITY, (0.25,)),
-    )
+    channels = (Channel(Stream.SCALE, (0.5, 0.5, 0.75)), Channel(Stream.OPACITY, (0.25,)))
     rows = (LayerRow((0,), ((1, 1),)), LayerRow((0, 0), ((2, 1), (1, 1))))
     model = SceneModel(Profile.EXPLICIT, 1, channels, rows)
     fields = HeaderFields(Profile.EXPLICIT, 0, 1, 4, (-1.0, 0.5, 2.0), 0.25, 3, CoordinateFrame.RDF, ColourSpace.SRGB)
@@ -235,10 +232,7 @@ REFINED_ROWS = (
     LayerRow((3, 2, 1, 0), ((3, 4, 3, 2, 2, 2), (1, 3, 1, 1, 1, 0), (0, 1, 1, 1, 1, 0), (2, 2, 2, 2, 2, 2))),
 )
 SPREAD_TILES = (Tile(1, 3, 0), Tile(1, 0, 3), Tile(2, 5, 41), Tile(3, 9, 500))
-ANCHOR_CHANNELS = (
-    channel(Stream.SCALE, 0.25, 6),
-    channel(Stream.OFFSETS, 0.125, 3),
-)
+ANCHOR_CHANNELS = (channel(Stream.SCALE, 0.25, 6), channel(Stream.OFFSETS, 0.125, 3))
 _ANCHOR_RICH = (
     channel(Stream.POSITION_RESIDUAL, 1 / 3, 3),
     channel(Stream.SCALE, 0.25, 6),

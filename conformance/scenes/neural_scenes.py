@@ -109,9 +109,7 @@ def _latent_plans() -> dict[str, tuple[str, Plan]]:
 
 def _network_plans() -> dict[str, tuple[str, Plan]]:
     flat_rows = (_row(True, (1, 1)), _row(True, (2, 1), (3, 1)))
-    deep_rows = (
-        _row(True, (1, 1), (2, 1)), _row(True, (2, 2), (2, 2), (0, 1)), _row(True, (4, 2), (3, 3), (8, 2)),
-    )
+    deep_rows = (_row(True, (1, 1), (2, 1)), _row(True, (2, 2), (2, 2), (0, 1)), _row(True, (4, 2), (3, 3), (8, 2)))
     return {
         "index-flat": ("flat heads, 8 activation bits, no depths, no attention, one pass", Plan(
             "flat", COLOURED, flat_rows, WHOLE, (60,), degree=1, dimension=4,

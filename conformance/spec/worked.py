@@ -48,8 +48,7 @@ _TOUR: dict[str, tuple[str, _Lines]] = {
     "layer 1 TILE 0": ("TILE of layer 1 (7.1)", (
         *_TILE, (1, "two words of a rANS stream (8.2)"), (1, "OPACITY and CLASSES have no bytes"))),
     "layer 2 LAYER": ("LAYER of layer 2: a second step of SCALE for class 0, and a new class", (1,)),
-    "layer 2 TABLES": (
-        "TABLES of layer 2: the second step of SCALE, and a new table for the first of OPACITY", (1,)),
+    "layer 2 TABLES": ("TABLES of layer 2: the second step of SCALE, and a new table for the first of OPACITY", (1,)),
     "layer 2 TILE 0": ("TILE of layer 2", (*_TILE, 1, (1, "decoded in 4.3"))),
 }  # fmt: skip
 """Structure -> what it is, and its lines."""

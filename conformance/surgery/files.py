@@ -76,9 +76,7 @@ def change_block(data: bytes, kind: int, layer: int, change: Callable[[bytes], b
     return rebuilt(data, blocks)
 
 
-def change_numbers(
-    data: bytes, kind: int, change: Callable[[list[Number]], list[Number]], count: int = 0
-) -> bytes:
+def change_numbers(data: bytes, kind: int, change: Callable[[list[Number]], list[Number]], count: int = 0) -> bytes:
     """The file with the numbers of its first block of `kind` in layer 1 changed; see :func:`changed`."""
     return change_block(data, kind, 1, lambda payload: numbers_block(change(numbers_of(payload, kind))), count)
 

@@ -56,9 +56,7 @@ def draw_anchors(model: AnchorModel) -> Callable[[Camera], F32]:
     return picture
 
 
-def measure_anchors(
-    model: AnchorModel, survey: Views, seed: int, report: Callable[[float], None]
-) -> AnchorSensitivity:
+def measure_anchors(model: AnchorModel, survey: Views, seed: int, report: Callable[[float], None]) -> AnchorSensitivity:
     """Sensitivities of all N anchors in a survey's views: means over each kind, and of these by their shares."""
     shape, colour, inverse, hits = (np.zeros((len(model), model.slots)) for _ in range(4))
     shares = [survey.shares[kind] / len(cameras) for kind, cameras in survey.views.items() for _ in cameras]

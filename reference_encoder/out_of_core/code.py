@@ -71,9 +71,7 @@ def add_histograms(parts: Sequence[Histograms]) -> Histograms:
     )
 
 
-def build_models(
-    overview: Overview, fit: Fit, found: Histograms, metadata: Mapping[str, Any] | None = None
-) -> Models:
+def build_models(overview: Overview, fit: Fit, found: Histograms, metadata: Mapping[str, Any] | None = None) -> Models:
     """Static tables of all layers, and the model blocks of the file.
 
     Args:

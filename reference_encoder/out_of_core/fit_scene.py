@@ -25,12 +25,7 @@ from reference_encoder.rdo.classes import find_class_bounds, measure_colour_shif
 from reference_encoder.rdo.curves import measure_curves, predict_lambda
 from reference_encoder.rdo.lattice import count_lattice_bits, default_tile_size, place
 from reference_encoder.rdo.layers import layer_by_rule
-from reference_encoder.tuning import (
-    GAUSSIAN_BITS,
-    GAUSSIAN_LAMBDA_DB,
-    LATTICE_MARGIN_BITS,
-    MOST_GAUSSIAN_CLASSES,
-)
+from reference_encoder.tuning import GAUSSIAN_BITS, GAUSSIAN_LAMBDA_DB, LATTICE_MARGIN_BITS, MOST_GAUSSIAN_CLASSES
 from scarfmt.arrays import F64
 from scarfmt.limits import MAX_LATTICE_BITS, MAX_TILE_DEPTH
 

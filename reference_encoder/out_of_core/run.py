@@ -107,12 +107,7 @@ class Done:
     file_bytes: int
 
 
-def encode_job(
-    job: Job,
-    workers: Workers,
-    target: BinaryIO,
-    report: Report = silent,
-) -> Done:
+def encode_job(job: Job, workers: Workers, target: BinaryIO, report: Report = silent) -> Done:
     """Write the file of a scene. The same job gives the same bytes, whoever works, and however often it is resumed.
 
     Args:

@@ -23,13 +23,7 @@ import torch
 from reference_encoder.training.fixed_order import one_thread
 from reference_encoder.training.networks.dataset import IndexRows, arrange_scene, describe_inputs, index_rows
 from reference_encoder.training.networks.grid import BinaryGrid, fit_box, hybrid_levels, wave_grid
-from reference_encoder.training.networks.index_training import (
-    Examples,
-    IndexOptimizer,
-    build,
-    last_epochs,
-    train,
-)
+from reference_encoder.training.networks.index_training import Examples, IndexOptimizer, build, last_epochs, train
 from reference_encoder.training.networks.layers import NetworkShape, shape_for
 from reference_encoder.training.networks.model import export_network
 from reference_encoder.training.optimizer import moments, restore_moments

@@ -33,12 +33,7 @@ _RATES = {
     "log_widths": (0.005, 0.001),
     "log_offset_widths": (0.005, 0.001),
 }
-_NETWORK_RATES = {
-    "decoder": (2e-3, 2e-5),
-    "opacity": (2e-3, 2e-5),
-    "cov": (4e-3, 4e-4),
-    "color": (8e-3, 5e-5),
-}
+_NETWORK_RATES = {"decoder": (2e-3, 2e-5), "opacity": (2e-3, 2e-5), "cov": (4e-3, 4e-4), "color": (8e-3, 5e-5)}
 _CONTEXT_RATES = (5e-3, 5e-4)
 
 

@@ -9,19 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from scarfmt.arrays import U8 as Bits
-from scarfmt.blocks.declare import (
-    U8,
-    U32,
-    Check,
-    Derived,
-    Record,
-    Repeat,
-    Rule,
-    Scope,
-    blob,
-    build,
-    read,
-)
+from scarfmt.blocks.declare import U8, U32, Check, Derived, Record, Repeat, Rule, Scope, blob, build, read
 from scarfmt.blocks.spec import BlockSpec
 from scarfmt.container.registries import BlockKind
 from scarfmt.entropy.rans import FrequencyTable, RansDecoder, RansEncoder

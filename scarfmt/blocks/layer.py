@@ -6,18 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from scarfmt.blocks.declare import (
-    Check,
-    Number,
-    NumberRecord,
-    Record,
-    Repeat,
-    Rule,
-    When,
-    build,
-    read,
-    stream_name,
-)
+from scarfmt.blocks.declare import Check, Number, NumberRecord, Record, Repeat, Rule, When, build, read, stream_name
 from scarfmt.blocks.spec import BlockSpec, Reading, Writing
 from scarfmt.container.registries import BlockKind, Stream
 from scarfmt.entropy.numbers import Spend
@@ -53,10 +42,7 @@ _CHANNEL = Record(
     "first_widths" / Number("xor f32", times="components") * "of a cell after one step",
 )
 
-_CLASS = Record(
-    "stages" / Number(),
-    "steps" / Number(times="channel_count") * "one a channel",
-)
+_CLASS = Record("stages" / Number(), "steps" / Number(times="channel_count") * "one a channel")
 
 LAYER = NumberRecord(
     "entropy_mode" / Number() * "what codes INDICES: 0 tables, 1 the index network (10.4)",

@@ -70,10 +70,7 @@ _NETWORK = Record(
     "layers" / Repeat("layer_count", _LAYER),
 )
 
-NETWORKS = NumberRecord(
-    "network_count" / Number(limit=MAX_NETWORKS),
-    "networks" / Repeat("network_count", _NETWORK),
-)
+NETWORKS = NumberRecord("network_count" / Number(limit=MAX_NETWORKS), "networks" / Repeat("network_count", _NETWORK))
 """The numbers of a DECODER_MLP or SCENE_MLP block."""
 
 

@@ -36,11 +36,7 @@ if TYPE_CHECKING:
 
 DEFAULTS = EncodeOptions()
 STEPS = {"read": 0.02, **STAGES}
-PRESETS: dict[str, dict[str, Any]] = {
-    "web": {},
-    "archive": {"quality": 55.0},
-    "preview": {"quality": 36.0},
-}
+PRESETS: dict[str, dict[str, Any]] = {"web": {}, "archive": {"quality": 55.0}, "preview": {"quality": 36.0}}
 """Options by what the file is for."""
 
 

@@ -14,14 +14,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from construct import ConstructError
 
-from scarfmt.container.directory import (
-    Entry,
-    Table,
-    Tile,
-    required_flags,
-    sort_keys,
-    tile_table,
-)
+from scarfmt.container.directory import Entry, Table, Tile, required_flags, sort_keys, tile_table
 from scarfmt.container.header import (
     Header,
     HeaderFields,
@@ -34,13 +27,7 @@ from scarfmt.container.header import (
 from scarfmt.container.paged import Container, check_crc
 from scarfmt.container.pages import pack_row_pages, pack_tile_pages
 from scarfmt.container.root import Root, pack_root
-from scarfmt.container.schema import (
-    ENTRY_DTYPE,
-    NO_TILE,
-    STREAM_COUNT,
-    BlockKind,
-    Stream,
-)
+from scarfmt.container.schema import ENTRY_DTYPE, NO_TILE, STREAM_COUNT, BlockKind, Stream
 from scarfmt.container.source import COALESCE_BYTES as COALESCE_BYTES
 from scarfmt.container.source import BytesSource
 from scarfmt.errors import InvalidInput, ScarError

@@ -74,9 +74,7 @@ def write_gltf(parts: Parts, described: Described, target: BinaryIO, beside: Bes
     return Written(count, losses.notes(described, count, "glTF", _SAYS))
 
 
-def write_gltf_beside(
-    parts: Parts, described: Described, target: BinaryIO, beside: Beside | None = None
-) -> Written:
+def write_gltf_beside(parts: Parts, described: Described, target: BinaryIO, beside: Beside | None = None) -> Written:
     """Write a .gltf and its buffer, which it cannot do without; for the rest see :func:`write_gltf`."""
     if beside is None:
         raise InvalidInput("output-format", "a .gltf needs a place for its buffer; write a .glb")

@@ -318,9 +318,7 @@ def load(source: Source) -> GaussianScene:
     if unknown:
         message = f"{source.name}: it requires {', '.join(unknown)}; export the scene without"
         raise Unsupported("input-gltf", message, field="extensionsRequired")
-    parts = [
-        _place(_gaussians(asset, primitive), matrix, source.name) for primitive, matrix in _place_gaussians(asset)
-    ]
+    parts = [_place(_gaussians(asset, primitive), matrix, source.name) for primitive, matrix in _place_gaussians(asset)]
     return flip_axes(concatenate(parts), LUF_TO_RDF)
 
 

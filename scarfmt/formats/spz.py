@@ -359,9 +359,7 @@ def write_spz(parts: Parts, described: Described, target: BinaryIO, options: Spz
         names = _ATTRIBUTES if described.sh_degree else _ATTRIBUTES[:-1]
         (_write_gzip if options.version == 3 else _write_v4)(head, spool, names, target)
     says = Says.AXES | (Says.RENDER_MODEL if antialiased else Says.NOTHING)
-    return Written(
-        count, (_grid(bits, options.sh_bits, described), *losses.notes(described, count, "SPZ", says))
-    )
+    return Written(count, (_grid(bits, options.sh_bits, described), *losses.notes(described, count, "SPZ", says)))
 
 
 def _grid(bits: int, sh_bits: tuple[int, int], described: Described) -> str:

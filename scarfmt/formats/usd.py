@@ -239,11 +239,7 @@ def write_usd(parts: Parts, described: Described, target: BinaryIO) -> Written:
         prim = splats.GetPrim()
         stage.SetDefaultPrim(prim)
         kinds = {"positions": Vt.Vec3fArray, "orientations": Vt.QuatfArray, "scales": Vt.Vec3fArray}
-        kinds |= {
-            "opacities": Vt.FloatArray,
-            _HARMONICS: Vt.Vec3fArray,
-            "extent": Vt.Vec3fArray,
-        }
+        kinds |= {"opacities": Vt.FloatArray, _HARMONICS: Vt.Vec3fArray, "extent": Vt.Vec3fArray}
         for name, array in values.items():
             prim.GetAttribute(name).Set(kinds[name].FromNumpy(np.ascontiguousarray(array)))
         prim.GetAttribute(_DEGREE).Set(scene.sh_degree)

@@ -43,12 +43,7 @@ class GaussianScene:
 
     def __post_init__(self) -> None:
         n = len(self.positions)
-        shapes = {
-            "positions": (n, 3),
-            "log_scales": (n, 3),
-            "rotations": (n, 4),
-            "opacity_logits": (n,),
-        }
+        shapes = {"positions": (n, 3), "log_scales": (n, 3), "rotations": (n, 4), "opacity_logits": (n,)}
         for name, shape in shapes.items():
             if getattr(self, name).shape != shape:
                 raise InvalidInput(

@@ -37,9 +37,7 @@ ROOT = Record(
 )
 """Parameters: `layer_count` and `page_count`."""
 
-TILE_PAGE = Record(
-    "depth" / array("u1", "tiles"), "shift" / array("u1", "tiles"), "gap" / varints(63, "tiles")
-)
+TILE_PAGE = Record("depth" / array("u1", "tiles"), "shift" / array("u1", "tiles"), "gap" / varints(63, "tiles"))
 """Parameter: `tiles` of the page."""
 
 ROW_PAGE = Record(

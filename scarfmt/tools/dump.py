@@ -62,13 +62,7 @@ class Dump:
         refusals: what was refused on the way; complete when :meth:`rows` is at its end.
     """
 
-    def __init__(
-        self,
-        source: ByteSource,
-        *,
-        full: bool = False,
-        kinds: Collection[int] | None = None,
-    ) -> None:
+    def __init__(self, source: ByteSource, *, full: bool = False, kinds: Collection[int] | None = None) -> None:
         self.refusals: list[ScarError] = []
         self._source, self._full, self._kinds = source, full, kinds
         self._opening = NOTHING_OPENED

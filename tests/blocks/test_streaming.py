@@ -8,12 +8,7 @@ import numpy as np
 import pytest
 
 from fuzz.testing.scenes import random_scene
-from scarfmt.blocks.streaming import (
-    Streaming,
-    View,
-    pack_streaming,
-    read_streaming,
-)
+from scarfmt.blocks.streaming import Streaming, View, pack_streaming, read_streaming
 from scarfmt.coding.writer import write_scene
 from scarfmt.container.file import Container
 from scarfmt.container.schema import BlockFlag, BlockKind, Profile

@@ -11,14 +11,7 @@ from numpy.typing import NDArray
 
 from scarfmt.arrays import I64
 from scarfmt.limits import MAX_LOCAL_BITS
-from scarfmt.neural.context import (
-    FINE_LIMIT,
-    Cells,
-    CellSums,
-    depth_shifts,
-    fine,
-    joining_depths,
-)
+from scarfmt.neural.context import FINE_LIMIT, Cells, CellSums, depth_shifts, fine, joining_depths
 from scarfmt.scene.model import MAX_STEPS
 
 seeds = st.integers(0, 2**32 - 1)

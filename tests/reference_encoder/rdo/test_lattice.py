@@ -78,10 +78,7 @@ def test_tiles_are_as_small_as_asked_for_and_cells_are_still_right() -> None:
 
 
 @settings(max_examples=100)
-@given(
-    codes=st.lists(st.integers(0, 8**4 - 1), min_size=1, max_size=60).map(sorted),
-    most=st.integers(1, 20),
-)
+@given(codes=st.lists(st.integers(0, 8**4 - 1), min_size=1, max_size=60).map(sorted), most=st.integers(1, 20))
 def test_cubes_are_the_largest_that_hold_few_enough(codes: list[int], most: int) -> None:
     """Every point is in its cube, cubes ascend apart, and each parent would have held too many."""
     path = np.array(codes, np.uint64)

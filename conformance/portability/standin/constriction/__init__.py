@@ -55,6 +55,4 @@ def _cumulative(weights: Numbers) -> NDArray[np.int64]:
     return np.concatenate([[0], np.cumsum(weights.astype(np.int64) + 1)])
 
 
-stream = SimpleNamespace(
-    stack=SimpleNamespace(AnsCoder=_AnsCoder), model=SimpleNamespace(Categorical=_Categorical)
-)
+stream = SimpleNamespace(stack=SimpleNamespace(AnsCoder=_AnsCoder), model=SimpleNamespace(Categorical=_Categorical))
