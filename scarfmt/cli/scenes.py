@@ -108,10 +108,10 @@ def layer_table(origin: SceneOrigin) -> list[dict[str, Any]]:
 
 
 def _no_layers(origin: SceneOrigin) -> click.UsageError:
-    return click.UsageError(f"{_called(origin)} is not a .scar file: it has no layers")
+    return click.UsageError(f"{_describe_origin(origin)} is not a .scar file: it has no layers")
 
 
-def _called(origin: SceneOrigin) -> str:
+def _describe_origin(origin: SceneOrigin) -> str:
     return "a pipe" if isinstance(origin, bytes) else origin
 
 
@@ -145,7 +145,7 @@ def _decode(origin: SceneOrigin, layers: int | None) -> GaussianScene | AnchorMo
         file = Container(source, allow_truncated=True)
         whole, promised = file.available_layers, len(file.header.layers)
         if layers is None and 0 < whole < promised:
-            message = f"{_called(origin)} is cut short: {whole} of its {promised} layers are used"
+            message = f"{_describe_origin(origin)} is cut short: {whole} of its {promised} layers are used"
             warnings.warn(message, InputWarning, stacklevel=2)
         scene = decode(source, layers=layers, allow_truncated=True).scene
         return scene if isinstance(scene, AnchorModel) else replace(scene, description=describe(file))
