@@ -231,7 +231,7 @@ def get_layer(
     """
     if new:
         _get_new(model, layer, frame, content, new, open_stream)
-    classes, turned_on = content.classes, _turn_on(model, layer, content, open_stream)
+    classes, turned_on = content.classes, _turn_on(layer, content, open_stream)
     need = find_needed(model, wanted, neural)
     coder = neural.coder(model, layer) if Stream.INDICES in wanted else None
     context = _context(model, frame, content, neural.predictors, coder, observer)
@@ -278,10 +278,8 @@ def _get_new(
         content.classes[-new:] = get_classes(reader, new, known, past)
 
 
-def _turn_on(model: SceneModel, layer: int, content: TileContent, open_stream: OpenStream) -> NDArray[np.bool_]:
+def _turn_on(layer: int, content: TileContent, open_stream: OpenStream) -> NDArray[np.bool_]:
     """(n, K) bool: Gaussian slots that this layer turns on, noted in `content`."""
-    if model.profile != Profile.ANCHOR:
-        return np.zeros(content.slot_layers.shape, np.bool_)
     before = content.slot_layers > 0
     with _open(open_stream, Stream.MASKS) as reader:
         turned_on = get_masks(reader, before) & ~before

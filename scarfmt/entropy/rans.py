@@ -143,9 +143,7 @@ class RansEncoder:
         Raises:
             InvalidInput: ``input-symbol``.
         """
-        spans = table.spans(symbols)
-        if len(symbols) and len(table) > 1:
-            self.append(*spans)
+        self.append(*table.spans(symbols))
 
     def encode_rows(self, symbols: Ints, weights: F64) -> None:
         """Append `symbols`, each coded with a frequency table of its own (SPEC §8.1, §10.5).
@@ -160,10 +158,9 @@ class RansEncoder:
         """
         check_rows(weights, len(symbols))
         _check_symbols(symbols, weights.shape[1])
-        if len(symbols) and weights.shape[1] > 1:
-            rows = np.arange(len(symbols))
-            past = np.cumsum(weights, axis=1)[rows, symbols] + symbols + 1
-            self.append(past - weights[rows, symbols] - 1, past)
+        rows = np.arange(len(symbols))
+        past = np.cumsum(weights, axis=1)[rows, symbols] + symbols + 1
+        self.append(past - weights[rows, symbols] - 1, past)
 
     def append(self, first: Ints | F64, past: Ints | F64) -> None:
         """Append symbols by their (n,) spans: first <= slot < past."""

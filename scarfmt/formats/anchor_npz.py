@@ -172,10 +172,7 @@ def _read_header(source: Source, name: str, stream: IO[bytes]) -> tuple[tuple[in
     try:
         version = np.lib.format.read_magic(stream)
         read_header = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
-        shape, fortran, dtype = read_header(stream)
+        return read_header(stream)
     except _HEADER_ERRORS as error:
         reason = str(error).partition(":")[0]  # what follows names objects of Python's parser
         raise source.corrupt(f"damaged .npy header ({reason})", field=name) from error
-    if not all(type(length) is int and length >= 0 for length in shape):
-        raise source.corrupt(f"shape {shape}", field=name)
-    return shape, fortran, dtype

@@ -59,5 +59,5 @@ def activate(values: Mapping[Stream, Floats], count: int, dtype: type) -> tuple[
     rotation = given(Stream.ROTATION, 3)
     with np.errstate(over="ignore", invalid="ignore"):
         quaternions = quaternion_from(rotation[:, :2], rotation[:, 2])
-    logits = opacity_logits(values[Stream.OPACITY][:, 0] if Stream.OPACITY in values else np.zeros(count))
+    logits = opacity_logits(given(Stream.OPACITY, 1)[:, 0])
     return quaternions, logits, spherical_harmonics_from_colour(given(Stream.COLOUR, 3))

@@ -23,7 +23,7 @@ from scarfmt.limits import MAX_TILE_DEPTH
 from scarfmt.tools.assemble import Plan, entry_of, order_rows, pieces
 
 _BOXES = ("low", "high", "reach")
-_SUMMARY = ("kind", "flags", "layer", "length", "count", "crc32")
+_SUMMARY = ["kind", "flags", "layer", "length", "count", "crc32"]
 
 
 def merge_to(sources: Sequence[ByteSource], target: BinaryIO) -> int:
@@ -91,8 +91,7 @@ def _check_models(files: Sequence[Container], number: int) -> None:
     """Check that a file has the models of the first, byte for byte, in as many layers."""
     first, file = files[0], files[number]
     ours, theirs = _models(first), _models(file)
-    same = file.header.layer_count == first.header.layer_count and len(ours) == len(theirs)
-    same = same and all(np.array_equal(ours[name], theirs[name]) for name in _SUMMARY)
+    same = file.header.layer_count == first.header.layer_count and np.array_equal(ours[_SUMMARY], theirs[_SUMMARY])
     for one, other in zip(ours, theirs, strict=True) if same else ():
         same = same and b"".join(pieces(first, entry_of(one))) == b"".join(pieces(file, entry_of(other)))
     if not same:
