@@ -160,8 +160,8 @@ def test_a_handle_refines_layer_by_layer_and_reads_no_byte_twice(path: Path) -> 
 
 
 @pytest.mark.parametrize("known", OUTPUTS, ids=lambda known: known.id)
-def test_scenes_are_saved_and_loaded_in_every_format(known: Output, path: Path, tmp_path: Path) -> None:
-    scene = scarfmt.load(path)
+def test_scenes_are_saved_and_loaded_in_every_format(known: Output, tmp_path: Path) -> None:
+    scene = scarfmt.load(DATA)
     target = tmp_path / f"a{known.suffix}"
     scarfmt.save(scene, target)
     found = scarfmt.load(target)

@@ -4,13 +4,18 @@ from __future__ import annotations
 
 import json
 import sys
+from dataclasses import replace
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from scarfmt.blocks.metadata import nesting, pack_metadata, parse_metadata
-from scarfmt.errors import InvalidInput, LimitExceeded
+from fuzz.testing.scenes import random_scene
+from scarfmt.blocks.metadata import describe, nesting, pack_metadata, parse_metadata
+from scarfmt.coding.writer import write_scene
+from scarfmt.container.file import Container
+from scarfmt.container.source import BytesSource
+from scarfmt.errors import InputWarning, InvalidInput, LimitExceeded
 from scarfmt.limits import MAX_METADATA_DEPTH
 
 VALUES = st.recursive(
@@ -98,6 +103,14 @@ def test_an_object_within_itself_is_refused() -> None:
     loop["a"] = loop
     with pytest.raises(InvalidInput):
         pack_metadata(loop)
+
+
+@pytest.mark.parametrize("reference", [7, {"crs": "EPSG:25832"}, {"crs": 1, "origin": [0, 0, 0]}], ids=str)
+def test_a_reference_that_breaks_its_rules_is_warned_of(reference: object) -> None:
+    """R-7.10-4: the scene is read all the same, without a place."""
+    data = write_scene(replace(random_scene(1), metadata={"coordinate_reference": reference}))
+    with pytest.warns(InputWarning, match="SPEC §7.10"):
+        assert not describe(Container(BytesSource(data))).coordinate_reference
 
 
 def test_keys_are_sorted_and_there_is_no_white_space() -> None:

@@ -27,8 +27,8 @@ def random_boxes(tiles: int, view: View | None = VIEW, seed: int = 0) -> Streami
 
 
 def equal(a: Streaming, b: Streaming) -> bool:
-    """Whether both have the same values."""
-    return pack_streaming(a) == pack_streaming(b)
+    """Whether both have the same values, and boxes of the same shape."""
+    return pack_streaming(a) == pack_streaming(b) and a.low.shape == b.low.shape and a.high.shape == b.high.shape
 
 
 def opened(data: bytes) -> Container:
@@ -38,7 +38,7 @@ def opened(data: bytes) -> Container:
 @pytest.mark.parametrize("profile", list(Profile))
 def test_the_writer_puts_it_in_for_readers_who_ask(profile: Profile) -> None:
     """A file without has none."""
-    scene = random_scene(4, profile, anchors=40)
+    scene = random_scene(4, profile, anchors=40, tiles=4)
     made = random_boxes(len(scene.tiles))
     data, with_block = write_scene(scene), write_scene(replace(scene, streaming=made))
     found = read_streaming(opened(with_block))
@@ -54,9 +54,13 @@ def test_a_cut_file_keeps_the_block() -> None:
     """SPEC §14, byte for byte."""
     scene = random_scene(5, anchors=50)
     made = random_boxes(len(scene.tiles))
-    found = read_streaming(opened(truncate(BytesSource(write_scene(replace(scene, streaming=made))), 1)))
+    made.low[:], made.high[:] = 0, (127, 255, 255)
+    cut = opened(truncate(BytesSource(write_scene(replace(scene, streaming=made))), 1))
+    found, report = read_streaming(cut), describe_streaming(cut)
     assert found is not None
     assert equal(found, made)
+    assert report is not None
+    assert report["box_share"] == 0.5
 
 
 def test_a_source_that_does_not_reach_it_tells_nothing() -> None:

@@ -151,15 +151,14 @@ def test_a_region_reads_the_pages_it_lies_in() -> None:
     """Each layer takes one request, because its pages follow one another; a layer without blocks there takes none."""
     container, source = opened()
     tiles = np.arange(20 * PAGE + 5, 23 * PAGE + 9)
-    container.load(tiles=tiles.tolist())
+    shuffled = np.random.default_rng(1).permutation(tiles)
+    counts = container.tile_counts(LAYERS, shuffled)
     said, rows = container.root.pages[20:24], container.root.rows
     wanted = (rows["page"] >= 20) & (rows["page"] < 24)
     assert set(rows["layer"][wanted]) == {1, 3}
     size = int(said["tile_bytes"].sum()) + int(rows["row_bytes"][wanted].sum())
     assert (source.reads, source.bytes_read) == (2 + 3, 2280 + container.header.root_length + size)
     assert (container.tile_rows(tiles) == scene().tiles[tiles]).all()
-    shuffled = np.random.default_rng(1).permutation(tiles)
-    counts = container.tile_counts(LAYERS, shuffled)
     found = [[0 if e is None else e.count for e in container.tile_entries(tile, LAYERS)] for tile in shuffled.tolist()]
     assert counts.tolist() == found
     assert source.reads == 5

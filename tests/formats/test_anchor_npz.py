@@ -56,6 +56,12 @@ def test_fortran_order_and_other_float_types() -> None:
     assert same(read(anchor_npz(changed)), read(anchor_npz(arrays)))
 
 
+def test_a_member_that_is_damaged_is_refused() -> None:
+    arrays = anchor_arrays()
+    data = zipped({f"{name}.npy": npy(array) for name, array in arrays.items()})
+    refuses("input-corrupt", lambda: load(data.replace(arrays["feat"].tobytes(), bytes(60))), "damaged archive member")
+
+
 def test_pickled_arrays_are_never_opened() -> None:
     class Trap:
         def __reduce__(self) -> tuple[object, ...]:
@@ -82,7 +88,7 @@ def test_wrong_shape_type_or_absence_names_the_array(name: str) -> None:
 
 
 HUGE = [(1 << 40, 3), (-1, 3), (1 << 62, 1 << 62), (5, True)]
-WITH_RIGHT_BYTES = [(0, 1 << 70), (0, 1 << 40, 1 << 40), (True, True), (1,) * 70]
+WITH_RIGHT_BYTES = [(-5, -3), (-5, -2), (0, -1), (0, 1 << 70), (0, 1 << 40, 1 << 40), (True, True), (1,) * 70]
 
 
 @pytest.mark.parametrize("member", ["anchor", "offset", "slot_mask"])

@@ -6,12 +6,13 @@ import gzip
 import json
 import os
 import threading
+from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from scarfmt.errors import InvalidInput
+from scarfmt.errors import InvalidInput, ScarError
 from scarfmt.formats import FORMATS, detect, load
 from scarfmt.formats.source import Source
 from tests.formats.scene_files import (
@@ -35,6 +36,14 @@ def test_content_decides_over_a_wrong_file_name(name: str, tmp_path: Path) -> No
     path = tmp_path / "scene.splat"
     path.write_bytes(MARKED[name])
     assert detect(Source(path)).id == name.split()[0]
+
+
+@pytest.mark.parametrize("known", [known.id for known in FORMATS])
+def test_a_wrong_format_by_name_ends_in_a_refusal_at_most(known: str, tmp_path: Path) -> None:
+    for data in (b"{", b"[]", b"{}", bytes(4096), *EXAMPLES.values()):
+        (tmp_path / "scene").write_bytes(data)
+        with suppress(ScarError):
+            load(tmp_path / "scene", format=known)
 
 
 @pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="POSIX pipes")

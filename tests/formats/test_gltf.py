@@ -79,8 +79,8 @@ def test_a_buffer_may_lie_beside_the_document(tmp_path: Path) -> None:
     refuses("input-incomplete", lambda: load((tmp_path / "scene.gltf").read_bytes()))
 
 
-@pytest.mark.parametrize("uri", ["../a.bin", "/etc/passwd", "a/../../b", "http://example.org/a.bin", "%2e%2e/b", ""])
-def test_a_buffer_elsewhere_is_refused(tmp_path: Path, uri: str) -> None:
+@pytest.mark.parametrize("uri", ["../a.bin", "/etc/passwd", "a/../../b", "http://example.org/a.bin", "%2e%2e/b", "", 7])
+def test_a_buffer_elsewhere_is_refused(tmp_path: Path, uri: object) -> None:
     document, _ = gltf_document()
     document["buffers"][0]["uri"] = uri
     (tmp_path / "scene.gltf").write_text(json.dumps(document))

@@ -100,6 +100,8 @@ def test_the_values_are_those_of_the_tiles_after_their_layers() -> None:
     found = decode_view(DATA, view)
     assert sum(map(len, parts)) == len(found) == sum(len(scene) for scene in expected)
     assert np.array_equal(found.positions, np.concatenate([_positions(scene) for scene in expected]))
+    nothing = decode_view(write_scene(random_scene(1, Profile.EXPLICIT, tiles=2)), replace(view, budget=0))
+    assert (len(nothing), nothing.sh_degree) == (0, 3)
 
 
 def _positions(scene: object) -> np.ndarray[tuple[int, ...], np.dtype[np.float64]]:
