@@ -197,6 +197,10 @@ def test_render_layers_into_one_sheet_a_row_each(encoded: Path, tmp_path: Path) 
     with Image.open(tmp_path / "sheet.png") as picture:
         assert picture.width == 2 * 64
         assert picture.height > 2 * 48
+    run("render", encoded, tmp_path / "each", *SMALL, "--layers", "all")
+    run("render", encoded, tmp_path / "last", *SMALL)
+    each, last = ([path.read_bytes() for path in sorted((tmp_path / name).iterdir())] for name in ("each", "last"))
+    assert each[-2:] == last != each[:2]
 
 
 def test_a_file_cut_short_is_drawn_as_far_as_it_goes_and_that_is_said(encoded: Path, tmp_path: Path) -> None:

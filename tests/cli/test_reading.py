@@ -60,6 +60,9 @@ def test_inspect_writes_the_thumbnail(explicit_scar: Path, tmp_path: Path) -> No
     assert run("inspect", explicit_scar, "--thumbnail", picture, "--force").exit_code == 2
     assert picture.read_bytes() == b"a picture"
     assert run("inspect", path, "--thumbnail", tmp_path / "picture.png").exit_code == 1
+    large = with_thumbnail(tmp_path / "large.scar", bytes(65_536))
+    assert "entry-length" in run("inspect", large, "--thumbnail", picture, "--force").stderr
+    assert "entry-length" in run("validate", large).stderr
     assert not (tmp_path / "picture.png").exists()
 
 

@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from reference_encoder.importance.attributes import MIN_LOG_OPACITY, from_scene, visible_attributes
+from scarfmt.container.registries import RenderModel
+from scarfmt.scene.description import Description
 from scarfmt.scene.gaussians import GaussianScene
 
 
@@ -37,3 +41,5 @@ def test_axes_hidden_in_a_pixel_are_as_long_as_that_and_others_stay() -> None:
     assert np.isclose(np.exp(2 * found[0, 2]), 0.01 * 0.4 * 0.01**2)
     far = visible_attributes(scene, np.array([np.inf, 0], np.float32)).log_scales
     assert np.isfinite(far).all()
+    faint = replace(scene, description=Description(RenderModel.ANTIALIASED))
+    assert np.array_equal(visible_attributes(faint, np.ones(2, np.float32)).log_scales, scales)

@@ -15,7 +15,9 @@ SURVEY = Views({}, {}, 1.0, Upright("-y"))
 
 
 def test_weights_grow_with_size_and_opacity() -> None:
-    small, large, faint, transparent = weigh_draft(of_sizes_and_opacities(), SURVEY).shape
+    found = weigh_draft(of_sizes_and_opacities(), SURVEY)
+    assert (found.largest == 1).all()  # none counts as invisible where nobody has looked
+    small, large, faint, transparent = found.shape
     assert large == pytest.approx(4 * small, rel=0.05)
     assert large > faint > transparent == 0
 

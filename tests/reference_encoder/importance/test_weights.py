@@ -21,13 +21,15 @@ def test_weights_are_power_means_over_views_and_kinds() -> None:
     scene, views = random_scene(4, 300), [small_camera(), small_camera(33, 20), small_camera(50, 60)]
     shares = {"orbit": 0.75, "near": 0.25}
     found = weigh_scene(scene, Views({"orbit": views[:2], "near": views[2:]}, shares, 1.0, Upright("-y")))
-    single = np.zeros((len(views), len(scene)))
+    single, largest = np.zeros((len(views), len(scene))), np.zeros(len(scene), np.float32)
     for weights, view, seen in zip(single, views, contributions_by_view(scene, views), strict=True):
         weights[seen.index] = seen.weight_sq / (3 * view.width * view.height)
+        largest[seen.index] = np.maximum(largest[seen.index], seen.weight_max)
     powers = [weight**SURVEY_POWER for weight in single]
     expected = (0.75 * (powers[0] + powers[1]) / 2 + 0.25 * powers[2]) ** (1 / SURVEY_POWER)
     _, floor = weigh_unoccluded(scene, FLOOR_DISTANCE, len(scene))
     np.testing.assert_allclose(found.colour, np.maximum(expected, floor), rtol=1e-5)
+    np.testing.assert_array_equal(found.largest, largest)
 
 
 def of_sizes_and_opacities() -> GaussianScene:
