@@ -36,6 +36,7 @@ def test_tiles_alone_take_together_what_all_take() -> None:
         assert (part.tiles, part.anchors) == (len(content) > 0, len(content))
         parts.append(part)
     assert (opening.tiles, opening.anchors, opening.tile_blocks) == (0, 0, 0)
+    assert whole.model_blocks == opening.model_blocks == len(SceneReader(BytesSource(data)).container.models)
     for name in ("tiles", "anchors", "tile_blocks"):
         assert sum(getattr(part, name) for part in parts) == getattr(whole, name)
     assert sum(part.bytes_read - opening.bytes_read for part in parts) == whole.bytes_read - opening.bytes_read
