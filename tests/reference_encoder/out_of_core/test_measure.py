@@ -73,6 +73,8 @@ def test_a_piece_of_a_range_and_proxies_of_the_rest_stand_for_all(monkeypatch: p
     whole, runs = choose_piece(chain.overview, part, scene)
     assert sorted(whole) == list(range(len(scene)))
     assert runs == (0, chain.overview.edges[2] - chain.overview.edges[1])
+    cover = render_pictures(chain.overview, part, scene, measure(chain.overview, part, scene)).cover
+    assert 0 < cover.min() < 0.9  # proxies of other ranges make up the rest
     monkeypatch.setattr(judging, "JUDGED_ROWS", 3 * chain.overview.run)
     rows, (first, past) = choose_piece(chain.overview, part, scene)
     assert past - first == 3
