@@ -46,8 +46,8 @@ class DecodeRequest:
         tiles: tile indices, in the order wanted; None for all.
         box: lowest and highest world coordinates; anchors (not Gaussians) outside are left out, and tiles that
             cannot hold any inside are not read.
-        attributes: names of `scarfmt.scene.streams.ATTRIBUTES`; None for all. Classes and lattice positions are
-            always read.
+        attributes: one or more names of `scarfmt.scene.streams.ATTRIBUTES`; None for all. Classes and lattice positions
+            are always read.
         limits: what to accept of the file (SPEC §13).
         threads: tiles decoded side by side, 1 or more; the result does not depend on it. None for
             :func:`scarfmt.threads.count_threads`.
@@ -70,7 +70,8 @@ class DecodeRequest:
         Raises:
             InvalidInput: ``input-attributes`` for a name that no attribute has.
         """
-        names = frozenset(ATTRIBUTES if self.attributes is None else self.attributes)
+        asked = ATTRIBUTES if self.attributes is None else self.attributes
+        names = frozenset([asked] if isinstance(asked, str) else asked)
         if not names <= set(ATTRIBUTES):
             unknown = ", ".join(sorted(names - set(ATTRIBUTES)))
             raise InvalidInput("input-attributes", f"no attribute {unknown}; choose from {', '.join(ATTRIBUTES)}")

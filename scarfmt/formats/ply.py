@@ -220,6 +220,9 @@ def read_elements(source: Source, header: Header, names: Collection[str]) -> dic
         InvalidInput: the body does not match the header.
         Unsupported: a wanted element has lists.
         LimitExceeded: more rows than any scene has.
+
+    Warns:
+        InputWarning: the file goes on after its last row.
     """
     check_sizes(source, header)
     listed = [name for name in names if name in header.elements and LIST in header.elements[name].properties.values()]
@@ -231,7 +234,10 @@ def read_elements(source: Source, header: Header, names: Collection[str]) -> dic
         try:
             if not header.byte_order:
                 with io.TextIOWrapper(stream, "ascii", newline=None) as text:
-                    return _read_text(text, header, names)
+                    found = _read_text(text, header, names)
+                    if next(reversed(header.elements), None) in found and text.readline().strip():
+                        _warn_of_more(source, "lines")
+                    return found
             return _read_binary(stream, header, names)
         except (ValueError, OverflowError) as error:
             # What follows a semicolon is NumPy's advice to programmers.
@@ -256,6 +262,9 @@ def check_sizes(source: Source, header: Header, most: int = MAX_GAUSSIANS) -> No
     Raises:
         InvalidInput: the file is too short for its header.
         LimitExceeded: more rows than any scene has.
+
+    Warns:
+        InputWarning: a binary file goes on after its last row.
     """
     needed = header.length
     for element in header.elements.values():
@@ -265,6 +274,13 @@ def check_sizes(source: Source, header: Header, most: int = MAX_GAUSSIANS) -> No
     # The last line of a text file may lack its newline.
     if source.size + (not header.byte_order) < needed:
         raise source.corrupt(f"{source.size} bytes, but the PLY header declares at least {needed}")
+    exact = header.byte_order and not any(LIST in element.properties.values() for element in header.elements.values())
+    if exact and source.size - needed >= max((element.row_bytes for element in header.elements.values()), default=0):
+        _warn_of_more(source, f"{source.size - needed:,} bytes")
+
+
+def _warn_of_more(source: Source, what: str) -> None:
+    warnings.warn(f"{source.name}: {what} after the declared rows: not read", InputWarning, stacklevel=3)
 
 
 def row_type(element: Element, order: str) -> np.dtype[np.void]:

@@ -201,6 +201,14 @@ def test_declared_count_is_checked_before_memory_is_allocated(form: str, count: 
         load(data)
 
 
+@pytest.mark.parametrize("form", ["little", "big", "ascii"])
+def test_rows_beyond_those_declared_are_told_of(form: str) -> None:
+    data = inria_ply(3, 9, form=form)
+    with pytest.warns(InputWarning, match="not read"):
+        assert len(read_scene(data.replace(b"element vertex 3", b"element vertex 2"))) == 2
+    assert len(read_scene(data + b"\n")) == 3
+
+
 @pytest.mark.parametrize("length", [4, 60, 200, -1])
 def test_cut_file_is_refused(length: int) -> None:
     for data in (inria_ply(3, 9), compressed_ply(3)):
