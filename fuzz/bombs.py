@@ -162,7 +162,7 @@ def _large_tables(tables: int, symbols: int, size: int) -> bytes:
     return build(scales(), [2], size, tables=dict(sorted(found.items())))
 
 
-def _index(anchors: int, size: int, *, two_level: bool, hidden: int, tiles: int = 1) -> bytes:
+def _index(anchors: int, size: int, *, hidden: int, tiles: int = 1) -> bytes:
     """An index network for two codebooks of the largest size."""
     rng = np.random.default_rng(3)
     books = Codebooks(rng.integers(-9, 9, (4096, 8)), rng.integers(-9, 9, (4096, 8)))
@@ -171,8 +171,7 @@ def _index(anchors: int, size: int, *, two_level: bool, hidden: int, tiles: int 
     )
     inputs = Inputs(1, True, 3, 4, 8, 0, 0)
     network = random_network(
-        rng, books, inputs, stages=8, hidden=hidden, gru_layers=4, two_level=two_level, codeword_dims=8,
-        activation_bits=8,
+        rng, books, inputs, stages=8, hidden=hidden, gru_layers=4, codeword_dims=8, activation_bits=8,
     )  # fmt: skip
     blocks = [
         _decoder(8, 3),
@@ -189,7 +188,7 @@ def _large_grid(size: int) -> bytes:
     model = SceneModel(Profile.EXPLICIT, 1, channels(SCALE), (LayerRow((1,), ((1,),), True),), DecodedContext(0, (4,)))
     level = struct.pack("<BIBB", 0, 65535, 19, 8)
     grid = struct.pack("<3I2B", 0, 0, 0, 32, 4) + 4 * level + 4 * (b"\x80" + bytes(4))
-    network = random_network(rng, books, Inputs(1, True, 3, 1, 0, 0, 32), stages=1, two_level=False)
+    network = random_network(rng, books, Inputs(1, True, 3, 1, 0, 0, 32), stages=1)
     blocks = [
         _decoder(2, 3),
         (BlockKind.CODEBOOKS, pack_codebooks({0: books.coarse}), 1),
@@ -230,8 +229,8 @@ BOMBS: dict[str, Callable[[], bytes]] = {
     "many slots": lambda: _draw(260_000, 32, 1, MIB - 9000),
     "large tables": lambda: _large_tables(380, 4096, MIB - 9000),
     "many tables": lambda: _large_tables(65_000, 1, MIB - 130_000),
-    "deep network": lambda: _index(2600, 0, two_level=False, hidden=255),
-    "shallow network": lambda: _index(15_000, MIB - 55_000, two_level=True, hidden=8, tiles=150),
+    "deep network": lambda: _index(2600, 0, hidden=255),
+    "shallow network": lambda: _index(15_000, MIB - 55_000, hidden=8, tiles=150),
     "large grid": lambda: _large_grid(MIB - 9000),
     "many predictors": lambda: _many_predictors(24_000, MIB - 600_000),
     "many predictors, small tiles": lambda: _many_predictors(1000, MIB - 600_000, 50),

@@ -263,8 +263,6 @@ BIAS_BITS = 10.0
 """Bits that a bias of the index network is taken to cost in the file [0010]."""
 LOGIT_REACH_BITS = 3.0
 """Bits by which an output vector of one unit moves the logit of a typical codeword [0010]."""
-FEWEST_CLUSTERED = 48
-"""Codewords: smaller books are coded flat, because a second symbol costs more time than it saves [0010]."""
 GRID_INNER_SHARE = 0.98
 """Share of the anchors, along each axis, that a hash grid's box holds: a few far away must not take its resolution
 [0010]."""

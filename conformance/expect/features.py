@@ -113,7 +113,6 @@ def _entropy(decoder: Decoder) -> Iterator[str]:
         yield "hash-grid"
         yield from ("dense-level" if level.dense else "hashed-level" for level, _ in decoder.grid.levels)
     if decoder.network:
-        yield from ("two-level-head" if head.clusters else "flat-head" for head in decoder.network.heads)
         if decoder.network.attention:
             yield "attention"
         if len(decoder.network.gru) > 1:

@@ -60,8 +60,8 @@ def _block_by_block(files: Files, data: dict[str, bytes]) -> Iterator[Case]:
         decoder_faults(static[0], data["explicit-refined"]),
         idle_faults(static[0], data["duplicates"]),
         scene_faults(data["anchors"], data["explicit-refined"]),
-        network_faults(data["index-two-level"], data["index-flat"], data["index-equal"], data["index-edge"]),
-        place_faults(static[0], data["index-flat"], data["index-grid"], data["index-grid-small"], data["index-modes"]),
+        network_faults(data["index-deep"], data["index-plain"], data["index-equal"], data["index-edge"]),
+        place_faults(static[0], data["index-plain"], data["index-grid"], data["index-grid-small"], data["index-modes"]),
         grid_faults(data["index-grid-small"]),
         predictor_faults(data["predictors"], data["predictors-edge"], data["predictors-alone"]),
     ):

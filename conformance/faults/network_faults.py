@@ -14,7 +14,7 @@ from conformance.writer.numbers import Number
 from scarfmt.blocks.index_network import pack_network, unpack_network
 from scarfmt.container.schema import BlockKind
 from scarfmt.neural.arithmetic import Linear
-from scarfmt.neural.network import GruLayer, Head, IndexNetwork
+from scarfmt.neural.network import GruLayer, IndexNetwork
 from scarfmt.scene.model import MAX_CLASSES
 
 _HEADER, _RANGE, _RECURRENT, _TOKENS, _HEADS, _FIT, _LOGITS, _ROWS = (
@@ -33,16 +33,15 @@ def _edit(data: bytes, changes: Changes) -> bytes:
     return change_block(data, _NETWORK, 1, lambda payload: pack_network(edit(unpack_network(payload), changes)))
 
 
-def network_faults(deep: bytes, flat: bytes, equal: bytes, edge: bytes) -> Iterator[Fault]:
-    """Faults of networks with attention and two-level heads, with flat heads, as wide as the latent, at the edge of
-    what is allowed."""
-    for data, rows in ((deep, _deep_rows(_network_of(deep))), (flat, _flat_rows()), (equal, _equal_rows(equal)),
+def network_faults(deep: bytes, plain: bytes, equal: bytes, edge: bytes) -> Iterator[Fault]:
+    """Faults of networks with attention, without, as wide as the latent, at the edge of what is allowed."""
+    for data, rows in ((deep, _deep_rows(_network_of(deep))), (plain, _plain_rows()), (equal, _equal_rows(equal)),
                        (edge, _EDGE_ROWS)):
         for name, purpose, rule, changes in rows:
             yield name, purpose, *rule, _edit(data, changes)
     yield ("network-no-recurrence", "no recurrent layer, nor tokens", *_RANGE,
-           change_numbers(flat, _NETWORK, _without_recurrence))
-    yield from _number_faults(deep, flat)
+           change_numbers(plain, _NETWORK, _without_recurrence))
+    yield from _number_faults(deep, plain)
 
 
 Row = tuple[str, str, tuple[str, str], Changes]
@@ -52,14 +51,13 @@ Row = tuple[str, str, tuple[str, str], Changes]
 def _deep_rows(network: IndexNetwork) -> Iterator[Row]:
     for name, path in (
         ("latent", "inputs.latent_shift"), ("recurrent", "gru.1.shift"), ("score", "attention.shift"),
-        ("logit", "heads.0.shift"), ("member", "heads.1.member_shift"),
+        ("logit", "heads.0.shift"),
     ):
         yield f"network-{name}-shift", f"the {name} shift is 25", _RANGE, {path: 25}
     yield "network-linear-shift", "the shift of a linear layer is 25", _ROWS, {"mixer.shift": 25}
     for name, path, sign in (
         ("embed1", "embed.0", 1), ("embed2", "embed.1", -1), ("query", "attention.query", 1),
-        ("key", "attention.key", -1), ("value", "attention.value", 1), ("project1", "heads.0.projections.0", 1),
-        ("project2", "heads.0.projections.1", -1),
+        ("key", "attention.key", -1), ("value", "attention.value", 1), ("project", "heads.0.project", -1),
     ):
         yield f"{name}-reach", f"a bias of {name} reaches 2^24", _ROWS, {f"{path}.biases.-1": sign << 24}
     yield ("recurrent-upper-reach", "a bias of the second recurrent layer reaches 2^23", _RECURRENT,
@@ -74,18 +72,11 @@ def _deep_rows(network: IndexNetwork) -> Iterator[Row]:
     yield ("network-sixteen-classes", "columns for a sixteenth class", _RANGE,
            {"embed.0.weights": lambda weights: _class_columns(weights, network.inputs.classes),
             "inputs.classes": MAX_CLASSES + 1})
-    yield ("cluster-empty", "a cluster of no codewords", _HEADS,
-           {"heads.0.clusters": lambda sizes: (0, *sizes[1:-1], sizes[0] + sizes[-1])})
-    fewer = {"heads.0.clusters.1": lambda size: size - 1}
-    yield "clusters-too-small", "clusters of a codeword less than the head has", _HEADS, fewer
-    yield ("clusters-too-large", "clusters that do not sum to the codewords", _HEADS,
-           {"heads.1.clusters.-1": lambda size: size + 1})
-    yield "head-empty", "a flat head for no codewords", _HEADS, {"heads.0": _no_codewords}
+    yield "head-empty", "a head for no codewords", _HEADS, {"heads.0.biases": lambda biases: biases[:0]}
     yield ("head-too-small", "a head for a codeword less than its codebook has", _FIT,
-           {**fewer, "heads.0.biases": lambda biases: biases[:-1]})
+           {"heads.0.biases": lambda biases: biases[:-1]})
     yield ("head-too-large", "a head for one codeword more than its codebook has", _FIT,
-           {"heads.0.clusters": lambda sizes: (*sizes, 1), "heads.0.cluster_biases": _zero_more,
-            "heads.0.biases": _zero_more})
+           {"heads.0.biases": _zero_more})
     yield ("network-few-tokens", "no biases for the fourth of eight stages", _FIT,
            {"gru.0.biases": lambda biases: biases[:2]})
     yield ("tokens-without-head", "biases for later stages, but one head", _TOKENS,
@@ -95,9 +86,9 @@ def _deep_rows(network: IndexNetwork) -> Iterator[Row]:
            {"inputs.attributes": 5, "inputs.latents": 4, "inputs.classes": network.inputs.classes + 1})
 
 
-def _flat_rows() -> Iterator[Row]:
+def _plain_rows() -> Iterator[Row]:
     """Widths of 0, arrays to match; and others."""
-    projections = "heads.0.projections.0", "heads.1.projections.0"
+    projections = "heads.0.project", "heads.1.project"
     yield ("network-no-input", "no input columns", _RANGE,
            {"inputs.classes": 0, "inputs.own": False, "embed.0.weights": _columns(0)})
     yield ("network-no-codeword-dims", "no codeword dimensions", _RANGE,
@@ -115,7 +106,6 @@ def _flat_rows() -> Iterator[Row]:
            {"activation_bits": 7, "gru.0.start": lambda start: 0 * start})
     yield ("weight-low-alone", "a weight of -32768 among zeros", _HEADER,
            {"mixer": lambda layer: _alone(layer, 0 * layer.weights, 0)})
-    yield "head-flat-member-shift", "a flat head with a member shift", _HEADS, {"heads.0.member_shift": 1}
     yield ("head-missing", "codebook 1, but one head and no tokens", _FIT,
            {"gru.0.inputs": _first, "gru.0.biases": lambda biases: biases[:0], "heads": _first})
     # Without depths the columns stay as many.
@@ -127,7 +117,7 @@ def _equal_rows(equal: bytes) -> Iterator[Row]:
     column = (0, 0), (0, 1)
     yield ("network-codeword-dims", "more codeword dimensions than the latent has", _FIT,
            {"codeword_dims": 3, "gru.0.inputs": lambda parts: tuple(np.pad(part, column) for part in parts),
-            "heads": lambda heads: tuple(edit(head, {"projections": _row_more}) for head in heads)})
+            "heads": lambda heads: tuple(edit(head, {"project": _row_more}) for head in heads)})
     more = replace(inputs, depths=2).width - inputs.width
     yield ("network-depths", "columns for two depths, the file has one", _FIT,
            {"inputs.depths": 2, "embed.0.weights": lambda weights: np.pad(weights, ((0, 0), (0, more)))})
@@ -142,9 +132,7 @@ _EDGE_ROWS: tuple[Row, ...] = (
     ("token-reach", "the bias of a later stage reaches 2^23 with the worse matrix", _RECURRENT,
      {"gru.0.biases.1.5": further}),
     ("logit-reach", "a logit's accumulator that can reach 2^24", _LOGITS, {"heads.0.biases.7": further}),
-    ("cluster-reach", "a cluster logit's accumulator that can reach 2^24", _LOGITS,
-     {"heads.1.cluster_biases.1": further}),
-    ("member-reach", "a member logit's accumulator that can reach 2^24", _LOGITS, {"heads.1.biases.4": further}),
+    ("logit-reach-second", "that of the second head", _LOGITS, {"heads.1.biases.4": further}),
 )
 """One bias of a network at the edge is one further from 0."""
 
@@ -165,19 +153,13 @@ def _zero_more(biases: np.ndarray) -> np.ndarray:
     return np.append(biases, 0)
 
 
-def _row_more(layers: tuple[Linear, ...]) -> tuple[Linear, ...]:
-    return tuple(Linear(np.pad(layer.weights, ((0, 1), (0, 0))), _zero_more(layer.biases), layer.shift)
-                 for layer in layers)
+def _row_more(layer: Linear) -> Linear:
+    return Linear(np.pad(layer.weights, ((0, 1), (0, 0))), _zero_more(layer.biases), layer.shift)
 
 
 def _class_columns(weights: np.ndarray, classes: int) -> np.ndarray:
     """Columns of zeros for the classes after the network's own, up to class 15."""
     return np.insert(weights, [classes] * (MAX_CLASSES + 1 - classes), 0, axis=1)
-
-
-def _no_codewords(head: Head) -> Head:
-    return replace(head, biases=head.biases[:0], clusters=(), cluster_biases=head.cluster_biases[:0],
-                   projections=head.projections[:1], member_shift=0)
 
 
 def _without_state(gru: GruLayer) -> GruLayer:
@@ -203,11 +185,11 @@ _COUNTS = {
     "embed_width": 256, "hidden": 256, "mixed": 256, "gru_count": 4, "tokens": 7, "head_count": 2,
 }
 """The counts of a network in their order, and the limit of each."""
-_BYTES = "activation_bits", "flags", "latent_shift", "codeword_shift", "shift", "score_shift", "member_shift"
+_BYTES = "activation_bits", "flags", "latent_shift", "codeword_shift", "shift", "score_shift"
 
 
-def _number_faults(deep: bytes, flat: bytes) -> Iterator[Fault]:
-    """Numbers of a network with attention and two-level heads, and of one of two class columns and six own values.
+def _number_faults(deep: bytes, plain: bytes) -> Iterator[Fault]:
+    """Numbers of a network with attention, and of one of two class columns and six own values.
 
     Counts above their limits are refused before anything that follows them is looked at.
     """
@@ -216,38 +198,35 @@ def _number_faults(deep: bytes, flat: bytes) -> Iterator[Fault]:
         ("network-wide-inputs", "more than 512 input columns", _HEADER, deep, "grid", 500),
         ("network-13-bits", "13 activation bits", _RANGE, deep, "activation_bits", 13),
         ("network-codeword-shift", "a shift of 25", _RANGE, deep, "codeword_shift", 25),
-        ("network-7-bits", "7 activation bits", _RANGE, flat, "activation_bits", 7),
-        ("network-513-inputs", "513 input columns", _HEADER, flat, "grid", 505),
-        *((f"network-many-{field.replace('_', '-')}", f"{field} is {limit + 1}", _LIMIT, flat, field, limit + 1)
+        ("network-7-bits", "7 activation bits", _RANGE, plain, "activation_bits", 7),
+        ("network-513-inputs", "513 input columns", _HEADER, plain, "grid", 505),
+        *((f"network-many-{field.replace('_', '-')}", f"{field} is {limit + 1}", _LIMIT, plain, field, limit + 1)
           for field, limit in _COUNTS.items()),
         *((f"network-{field.replace('_', '-')}-256", f"{field} is 256", _LIMIT, deep, field, 256) for field in _BYTES),
-        ("head-4097", "a head for 4097 codewords", _LIMIT, flat, "size", 4097),
-        ("clusters-257", "257 clusters", _LIMIT, flat, "cluster_count", 257),
-        # Numbers of a list have no name of their own.
-        ("cluster-4097", "a cluster of 4097 codewords", _LIMIT, deep, None, 4097),
+        ("head-4097", "a head for 4097 codewords", _LIMIT, plain, "size", 4097),
     ):
         yield name, purpose, *rule, change_numbers(data, _NETWORK, renumber((field, value)))
 
 
-def place_faults(static: bytes, flat: bytes, grid: bytes, small: bytes, modes: bytes) -> Iterator[Fault]:
+def place_faults(static: bytes, plain: bytes, grid: bytes, small: bytes, modes: bytes) -> Iterator[Fault]:
     """Networks and grids where none may stand, or missing.
 
     Args:
         static: a file without a network.
-        flat: one whose network has no grid inputs.
+        plain: one whose network has no grid inputs.
         grid, small: two whose network has them.
         modes: one whose first layer has entropy mode 0.
     """
     kind, rules = BlockKind.HASH_GRID, ("R-10.4-2", "R-10.4-3")
     unexpected = "unexpected-block"
-    yield "no-network", "entropy mode 1 without ENTROPY_NETWORK", rules[0], "missing-block", without(flat, _NETWORK, 1)
+    yield "no-network", "entropy mode 1 without ENTROPY_NETWORK", rules[0], "missing-block", without(plain, _NETWORK, 1)
     yield ("idle-network", "a second ENTROPY_NETWORK, in the second layer of mode 1", rules[0], unexpected,
-           copy_block(flat, _NETWORK, 2))
+           copy_block(plain, _NETWORK, 2))
     yield "idle-grid", "a second HASH_GRID", rules[1], unexpected, copy_block(grid, kind, 2)
     yield "no-grid", "the network has grid inputs, the file no HASH_GRID", *_FIT, without(grid, kind, 1)
     network, block = block_of(modes, _NETWORK), block_of(small, kind)
     yield ("grid-not-read", "the file has a HASH_GRID, the network no grid inputs", *_FIT,
-           rebuilt(flat, [*blocks_of(flat), block_of(grid, kind)]))
+           rebuilt(plain, [*blocks_of(plain), block_of(grid, kind)]))
     yield ("grid-without-mode", "HASH_GRID in a file without entropy mode 1", rules[1], unexpected,
            rebuilt(static, [*blocks_of(static), block]))
     yield ("grid-early", "HASH_GRID in a layer before the first of entropy mode 1", rules[1], unexpected,

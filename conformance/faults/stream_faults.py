@@ -169,7 +169,7 @@ def _rans_faults(data: dict[str, bytes]) -> Iterator[Fault]:
         yield (f"{stream.name.lower()}-word-more", f"{stream.name} has a word more than its symbols take", *_SEAL,
                with_substream(file, layer, stream, lambda part: word + part))
     yield ("neural-seal", "INDICES in entropy mode 1 does not end in the empty state", *_SEAL,
-           with_substream(data["index-flat"], 1, Stream.INDICES, lambda part: word + part))
+           with_substream(data["index-plain"], 1, Stream.INDICES, lambda part: word + part))
     yield ("words-missing", "a stream without its first word: the reader goes on, the end is wrong", *_SEAL,
            with_substream(data["sh-from-network"], 1, Stream.INDICES, lambda part: part[4:]))
     yield ("word-zero", "a stream of one word, which is 0", "R-8.2-1", "rans-last-word",

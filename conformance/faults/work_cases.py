@@ -192,19 +192,19 @@ _PLANS = (
             PredictorPlan(Stream.SCALE, 1, 2, 3), PredictorPlan(Stream.ROTATION, 2, 3, 5),
             PredictorPlan(Stream.OPACITY, 0, 1, 64, (16, 16), 15),
         )), 128),
-    ("two-level", Plan(
-        "work two levels", _SCALE_COLOUR, _DEEP, SPREAD_TILES, (14, 9, 0, 6), degree=1, dimension=5,
+    ("deep", Plan(
+        "work deep", _SCALE_COLOUR, _DEEP, SPREAD_TILES, (14, 9, 0, 6), degree=1, dimension=5,
         codewords=(300, 200), context=DecodedContext(2, (30, 4)), network=NetworkPlan(
-            bits=12, widths=(7, 16, 9), dims=5, layers=2, latents=3, classes=3, attention=True,
-            clusters=((100, 50, 150), (10, 190))), grid=_BIG_GRID), 128),
+            bits=12, widths=(7, 16, 9), dims=5, layers=2, latents=3, classes=3, attention=True),
+        grid=_BIG_GRID), 128),
     ("modes", Plan(
         "work modes", _SCALE_COLOUR, _MODES, SPREAD_TILES[:1], (12,), degree=1, dimension=4, codewords=(120, 80),
         context=DecodedContext(1, (20, 3)), predictors=(PredictorPlan(Stream.SCALE, 1, 2, 3),),
-        network=NetworkPlan(widths=(5, 16, 6), latents=4, clusters=((), (40, 40)), layers=2)), 768),
+        network=NetworkPlan(widths=(5, 16, 6), latents=4, layers=2)), 768),
     ("anchors", Plan(
         "work anchors", ANCHOR_CHANNELS, (
             LayerRow((1,), ((1, 1),), True), LayerRow((3, 1), ((2, 1), (1, 1)), True)), SPREAD_TILES[:2], (15, 11),
         profile=Profile.ANCHOR, slots=5, dimension=4, context=DecodedContext(1, (16, 4)),
         predictors=(PredictorPlan(Stream.SCALE, 0, 1, 3), PredictorPlan(Stream.SCALE, 5, 2, 3)),
-        network=NetworkPlan(latents=2, clusters=((), (4, 4, 4)))), 512),
+        network=NetworkPlan(latents=2)), 512),
 )

@@ -23,7 +23,7 @@ class Case:
         purpose: what it is there for, one sentence.
         data: the file.
         rules: rules of SPEC.md that it exercises; of a file to be refused, the one it breaks.
-        features: words to select vectors by, such as ``two-level``; those that follow from the file are added.
+        features: words to select vectors by, such as ``hash-grid``; those that follow from the file are added.
         scene: what the file holds; None if it must be refused.
         layers: decoded are the first so many layers of `scene`, None for all; the file has no more that is sound.
         refusals: the ids it may be refused with; one for a file that must be refused.

@@ -237,20 +237,19 @@ def _sparse(plan: Plan) -> QuantisedScene:
 
 def _mixed_cases() -> Iterator[Case]:
     """Each number of passes, depths, recurrent layers and tokens with the choices there are."""
-    for number, (passes, targets, layers, tokens, bits, own, attention, two_level, latents, classes) in enumerate((
-        (0, (), 1, 1, 8, False, True, False, 0, 3),
-        (1, (9,), 2, 2, 9, True, False, True, 1, 0),
-        (2, (9, 3), 3, 3, 10, False, False, True, 3, 1),
-        (3, (9, 6, 3), 4, 4, 11, True, True, False, 2, 15),
-        (3, (9, 6, 3, 1), 1, 5, 12, False, True, True, 0, 2),
-        (2, (4,), 2, 6, 8, True, True, True, 3, 4),
-        (1, (30, 2), 1, 7, 12, True, False, False, 3, 2),
+    for number, (passes, targets, layers, tokens, bits, own, attention, latents, classes) in enumerate((
+        (0, (), 1, 1, 8, False, True, 0, 3),
+        (1, (9,), 2, 2, 9, True, False, 1, 0),
+        (2, (9, 3), 3, 3, 10, False, False, 3, 1),
+        (3, (9, 6, 3), 4, 4, 11, True, True, 2, 15),
+        (3, (9, 6, 3, 1), 1, 5, 12, False, True, 0, 2),
+        (2, (4,), 2, 6, 8, True, True, 3, 4),
+        (1, (30, 2), 1, 7, 12, True, False, 3, 2),
     )):
         network = NetworkPlan(bits=bits, widths=(5, 4, 6), layers=layers, latents=latents, own=own, attention=attention,
-                              classes=classes, clusters=((3, 9), (6, 1, 5)) if two_level else ((), ()))
+                              classes=classes)
         rows = _rows((True, (1, tokens + 1), 1), (True, (tokens + 1, tokens + 1, 2), 2))
-        heads = "two-level" if two_level else "flat"
-        purpose = f"passes_log2 {passes}, {len(targets)} depths, {layers} recurrent layers, T {tokens}, {heads} heads"
+        purpose = f"passes_log2 {passes}, {len(targets)} depths, {layers} recurrent layers, T {tokens}"
         yield edge(f"index-mix-{number}", purpose, _plan(
             f"mix {number}", network, rows, tiles=(Tile(1, 0, 1), Tile(1, 1, 3), Tile(2, 1, 40)), counts=(14, 6, 1),
             context=DecodedContext(passes, targets)), (*_PASSES, "R-10.5-8", "R-10.5-9"))
@@ -258,15 +257,12 @@ def _mixed_cases() -> Iterator[Case]:
 
 def _head_cases() -> Iterator[Case]:
     rules = "R-10.5-5", "R-10.5-9", "R-10.5-10"
-    single = NetworkPlan(clusters=((1,) * 12, (12,)))
-    yield edge("index-clusters", "as many clusters as codewords, and one cluster of all: one of both codes nothing",
-               _plan("clusters", single, _rows((True, (3,), 1))), rules)
-    large = NetworkPlan(widths=(3, 3, 4), dims=2, clusters=((16,) * 256, ()))
-    yield edge("index-4096", "4096 codewords: in 256 clusters, and flat", _plan(
+    large = NetworkPlan(widths=(3, 3, 4), dims=2)
+    yield edge("index-4096", "4096 codewords", _plan(
         "4096", large, _rows((True, (2,), 1)), counts=(6,), dimension=2, codewords=(4096, 4096)), rules)
     yield edge("index-one-codeword", "codebooks of one codeword: no index takes a bit", _plan(
         "one codeword", NetworkPlan(attention=True), _rows((True, (3,), 1)), codewords=(1, 1)), rules)
-    yield edge("index-first-symbols", "every index is 0: INDICES of flat heads has no bytes", _plan(
+    yield edge("index-first-symbols", "every index is 0: INDICES has no bytes", _plan(
         "first", NetworkPlan(attention=True), _rows((True, (3,), 1)), constant=True), ("R-7.1-6", "R-8.2-3"))
     yield edge("index-spare-tokens", "biases of seven tokens, two stages", _plan(
         "spare", NetworkPlan(tokens=7, attention=True), _rows((True, (2,), 1))), ("R-10.5-6",))
@@ -309,8 +305,7 @@ def _with_shift(network: IndexNetwork, shift: int) -> IndexNetwork:
     return replace(
         network, embed=(_plain(first, shift), _plain(second, shift)), mixer=_plain(network.mixer, shift),
         gru=tuple(_plain_gru(layer, min(shift, MAX_SHIFT - 1)) for layer in network.gru),
-        heads=tuple(replace(head, projections=tuple(_plain(p, shift) for p in head.projections), shift=shift)
-                    for head in network.heads),
+        heads=tuple(replace(head, project=_plain(head.project, shift), shift=shift) for head in network.heads),
         attention=Attention(query, key, value, shift),
     )
 
@@ -376,7 +371,7 @@ def _number_cases() -> Iterator[Case]:
             replace(head, biases=np.arange(len(head.biases)) % 5) for head in scene.network.heads))
         yield edge(f"index-codeword-shift-{shift}", f"a codeword shift of {shift}: activations at their end or all 0",
                    replace(scene, network=silent), ("R-10.5-7", "R-10.5-8"))
-    scene = build(_plan("shifts of arrays", NetworkPlan(clusters=((), (6, 6))), _rows((True, (2,), 1))))
+    scene = build(_plan("shifts of arrays", NetworkPlan(), _rows((True, (2,), 1))))
     yield Case("edge/index-shifts", "no zero bits left out of biases, zeros shifted by 31",
                change_numbers(write_file(scene), BlockKind.ENTROPY_NETWORK, _unshift), ("R-8.5-2",), scene=scene)
 

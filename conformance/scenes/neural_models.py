@@ -54,7 +54,6 @@ class NetworkPlan:
         bits, widths, dims, layers: activation bits; U, H, Y; R; recurrent layers.
         classes, own, latents, latent_shift: inputs; depths and grid features follow from the scene.
         gate: near which value a quarter of the reach of a recurrent layer's products lies, when halved.
-        clusters: of each head; empty: flat.
         attention: whether it has any.
         tokens: stages it has biases for, by default all but the last of the scene.
         wide: weights of two bytes.
@@ -72,7 +71,6 @@ class NetworkPlan:
     latents: int = 0
     latent_shift: int = 2
     gate: int = 96
-    clusters: tuple[tuple[int, ...], ...] = ((), ())
     attention: bool = False
     tokens: int | None = None
     wide: bool = False
@@ -144,23 +142,12 @@ class _Maker:
         layers = [self.linear(hidden, hidden, target) for target in (500, 300, self.amax // 2)]
         return Attention(layers[0], layers[1], layers[2], (100 * 100 * hidden // 2).bit_length() - _SCORE.bit_length())
 
-    def head(self, codewords: I64, width: int, clusters: tuple[int, ...], logits: I64 | None) -> Head:
-        projections = tuple(self.linear(codewords.shape[1], width, self.amax // 2) for _ in range(2 if clusters else 1))
-        flat = Head(projections, clusters, np.zeros(len(clusters), np.int64), np.zeros(len(codewords), np.int64), 0, 0)
+    def head(self, codewords: I64, width: int, logits: I64 | None) -> Head:
+        project = self.linear(codewords.shape[1], width, self.amax // 2)
         if logits is not None:
-            silent = tuple(Linear(0 * layer.weights, 0 * layer.biases, layer.shift) for layer in projections)
-            return replace(flat, projections=silent, biases=logits)
-        if not clusters:
-            shift, biases = self.logits(codewords)
-            return replace(flat, shift=shift, biases=biases)
-        shift, cluster_biases = self.logits(flat.centroids(codewords))
-        member_shift, biases = self.logits(flat.deviations(codewords))
-        return replace(flat, shift=shift, member_shift=member_shift, cluster_biases=cluster_biases, biases=biases)
-
-    def logits(self, vectors: I64) -> tuple[int, I64]:
-        """Shift and biases of logits that are products with these vectors."""
-        shift = self.shift([vectors], _LOGIT)
-        return shift, self.biases([vectors], shift, ACCUMULATOR_LIMIT, _LOGIT // 2)
+            return Head(Linear(0 * project.weights, 0 * project.biases, project.shift), logits, 0)
+        shift = self.shift([codewords], _LOGIT)
+        return Head(project, self.biases([codewords], shift, ACCUMULATOR_LIMIT, _LOGIT // 2), shift)
 
 
 def random_network(
@@ -202,8 +189,8 @@ def network_of(
         heads=(),
     )
     heads = tuple(
-        make.head(network.codewords(book), mixed, clusters, _fixed(plan, number, len(book)))
-        for number, (book, clusters) in enumerate(zip(words, plan.clusters, strict=False))
+        make.head(network.codewords(book), mixed, _fixed(plan, number, len(book)))
+        for number, book in enumerate(words)
     )
     return replace(network, heads=heads)
 

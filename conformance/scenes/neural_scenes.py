@@ -108,25 +108,25 @@ def _latent_plans() -> dict[str, tuple[str, Plan]]:
 
 
 def _network_plans() -> dict[str, tuple[str, Plan]]:
-    flat_rows = (_row(True, (1, 1)), _row(True, (2, 1), (3, 1)))
+    plain_rows = (_row(True, (1, 1)), _row(True, (2, 1), (3, 1)))
     deep_rows = (_row(True, (1, 1), (2, 1)), _row(True, (2, 2), (2, 2), (0, 1)), _row(True, (4, 2), (3, 3), (8, 2)))
     return {
-        "index-flat": ("flat heads, 8 activation bits, no depths, no attention, one pass", Plan(
-            "flat", COLOURED, flat_rows, WHOLE, (60,), degree=1, dimension=4,
+        "index-plain": ("8 activation bits, no depths, no attention, one pass", Plan(
+            "plain", COLOURED, plain_rows, WHOLE, (60,), degree=1, dimension=4,
             loudness=8, network=NetworkPlan(bits=8, gate=12000))),
-        "index-two-level": ("clusters of 1 to 7, attention, two recurrent layers, 12 bits, 4 passes, 8 stages", Plan(
-            "two levels", COLOURED, deep_rows, SPREAD_TILES, (30, 50, 0, 20), degree=1, dimension=5,
+        "index-deep": ("attention, two recurrent layers, 12 bits, 4 passes, 8 stages", Plan(
+            "deep", COLOURED, deep_rows, SPREAD_TILES, (30, 50, 0, 20), degree=1, dimension=5,
             context=DecodedContext(2, (30, 4)), network=NetworkPlan(
                 bits=12, widths=(7, 6, 9), dims=5, layers=2, latents=3, latent_shift=0, loudness=16,
-                clusters=((1, 5, 1, 4, 1), (3, 1, 1, 7)), attention=True, classes=3))),
-        "index-attention": ("attention, flat coarse and two-level residual head, 4 layers, 8 passes, 3 depths", Plan(
+                attention=True, classes=3))),
+        "index-attention": ("attention, 4 layers, 8 passes, 3 depths", Plan(
             "attention", COLOURED, deep_rows, WHOLE, (70,), degree=1, dimension=3, bits=9,
             context=DecodedContext(3, (50, 10, 2)), network=NetworkPlan(
-                bits=9, widths=(3, 5, 4), dims=2, layers=4, latents=1, own=False, clusters=((), (6, 6)),
-                attention=True, classes=0, wide=True))),
+                bits=9, widths=(3, 5, 4), dims=2, layers=4, latents=1, own=False, attention=True, classes=0,
+                wide=True))),
         "index-grid": ("hash grid levels of every plane, dense and hashed, in a box smaller than the scene", Plan(
-            "grid", COLOURED, flat_rows, SPREAD_TILES, (40, 40, 0, 20), degree=1, dimension=4,
-            context=DecodedContext(1, (12,)), network=NetworkPlan(clusters=((6, 6), ())),
+            "grid", COLOURED, plain_rows, SPREAD_TILES, (40, 40, 0, 20), degree=1, dimension=4,
+            context=DecodedContext(1, (12,)), network=NetworkPlan(),
             grid=GridPlan((4000, 0, 9001), 15, _ALL_PLANES))),
         "index-grid-small": ("a hash grid in a box of 2^4 lattice steps: fractions shift left; no other input", Plan(
             "small grid", COLOURED, (_row(True, (2, 1)),), WHOLE, (40,), degree=1, dimension=4, bits=5,
@@ -135,14 +135,14 @@ def _network_plans() -> dict[str, tuple[str, Plan]]:
         "index-equal": ("all logits equal; a residual codebook of one codeword: nothing is coded", Plan(
             "equal", COLOURED, (_row(True, (2, 1)),), WHOLE, (50,), degree=1, dimension=2, bits=6,
             codewords=(12, 1), context=DecodedContext(0, (6,)),
-            network=NetworkPlan(dims=2, logits=(0,) * 12, clusters=((5, 7), ())))),
+            network=NetworkPlan(dims=2, logits=(0,) * 12))),
         "index-ladder": ("distances of logits on both sides of every bound of exp2w", Plan(
             "ladder", COLOURED, (_row(True, (2, 1)),), WHOLE, (50,), degree=1, dimension=2, bits=6,
             network=NetworkPlan(dims=2, logits=(0, -1, -31, -32, -33, -400, -510, -511, -512, -513, -600, -100000)))),
         "index-edge": ("every accumulator reaches 2^24 - 1, recurrent ones 2^23 - 1, no more", Plan(
             "edge", COLOURED, (_row(True, (1, 1)), _row(True, (3, 1))), WHOLE, (50,), degree=1, dimension=3, bits=6,
             context=DecodedContext(0, (6,)), network=NetworkPlan(
-                bits=11, layers=2, attention=True, edge=True, clusters=((), (2, 10)), classes=1))),
+                bits=11, layers=2, attention=True, edge=True, classes=1))),
         "index-modes": ("entropy modes 0, 1, 0, 1: states run over stages that tables coded; predictors beside", Plan(
             "modes", COLOURED, (
                 _row(False, (1, 1)), _row(True, (2, 2)), _row(False, (3, 2)), _row(True, (5, 3), (1, 1))),
@@ -154,6 +154,6 @@ def _network_plans() -> dict[str, tuple[str, Plan]]:
                 LayerRow((1,), ((1, 1),), True), LayerRow((3, 1), ((2, 1), (1, 1)), True)), SPREAD_TILES[:2], (50, 40),
             profile=Profile.ANCHOR, slots=5, dimension=4, context=DecodedContext(1, (16, 4)),
             predictors=(PredictorPlan(Stream.SCALE, 0, 1, 3), PredictorPlan(Stream.SCALE, 5, 2, 3)),
-            network=NetworkPlan(latents=2, attention=True, clusters=((), (4, 4, 4))),
+            network=NetworkPlan(latents=2, attention=True),
             grid=GridPlan((0, 0, 0), 16, _ALL_PLANES[1:4]))),
     }

@@ -23,7 +23,7 @@ def paged_cases() -> Iterator[Case]:
     """Vectors of the class ``valid``."""
     purpose = "seven tiles in pages of two: a page without blocks, two layers with blocks of other pages"
     yield Case("valid/pages", purpose, paged_file(), ("R-5.5-7", "R-5.5-10"), scene=paged_scene())
-    plan = replace(neural_plans()["index-two-level"][1], seed="pages neural")
+    plan = replace(neural_plans()["index-deep"][1], seed="pages neural")
     scene = build(plan)
     data = write_file(scene, WriteOptions(page_bits=0))
     yield Case("valid/pages-neural", "an index network over pages of one tile", data, ("R-5.5-7", "R-5.5-10"),

@@ -38,7 +38,7 @@ from scarfmt.neural import tables
 from scarfmt.scene.streams import channel_table
 
 PAGES = (SPEC, NEURAL)
-_WORK_OF = ("worked", "valid/explicit-refined", "valid/predictors", "valid/index-two-level", "valid/anchors-neural")
+_WORK_OF = ("worked", "valid/explicit-refined", "valid/predictors", "valid/index-deep", "valid/anchors-neural")
 _HEADING = re.compile(r"^(#{2,3}) (.+)$", re.MULTILINE)
 _FENCE = re.compile(r"^```.*?^```$", re.MULTILINE | re.DOTALL)
 _WIDTH = 120

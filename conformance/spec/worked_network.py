@@ -64,19 +64,8 @@ def worked_network() -> network.IndexNetwork:
         _layer([[9, -1], [2, 6]], [0, 44], 3),
         shift=5,
     )
-    flat = _layer([[5, -3, 2], [-4, 6, 1], [-3, 2, 5]], [8, -16, 20], 2)
-    coarse = network.Head((flat,), (), _array([]), _array([90, 0, -70, 33]), 3, 0)
-    residual = network.Head(
-        (
-            _layer([[3, 7, -2], [2, -5, 4], [1, -2, 3]], [-12, 20, -30], 2),
-            _layer([[-6, 1, 5], [8, 3, -7], [-1, 2, 4]], [4, 0, 9], 2),
-        ),
-        (1, 3),
-        _array([120, -60]),
-        _array([0, 15, -25, 40]),
-        3,
-        1,
-    )
+    coarse = _layer([[5, -3, 2], [-4, 6, 1], [-3, 2, 5]], [8, -16, 20], 2)
+    residual = _layer([[3, 7, -2], [2, -5, 4], [1, -2, 3]], [-12, 20, -30], 2)
     return network.IndexNetwork(
         activation_bits=8,
         inputs=network.Inputs(classes=1, own=True, attributes=3, depths=0, latents=0, latent_shift=0, grid=0),
@@ -86,7 +75,9 @@ def worked_network() -> network.IndexNetwork:
         gru=(gru,),
         attention=attention,
         mixer=_layer([[4, -1, 2, 3], [-2, 5, 1, -3], [3, 2, -4, 6]], [64, 100, -50], 3),
-        heads=(coarse, residual),
+        heads=(
+            network.Head(coarse, _array([90, 0, -70, 33]), 3), network.Head(residual, _array([0, 15, -25, 40]), 1)
+        ),
     )
 
 
@@ -129,12 +120,8 @@ def network_rows() -> Rows:
     yield "score_shift", str(net.attention.shift)
     yield from _linear_rows("mixer", net.mixer)
     for number, head in enumerate(net.heads):
-        yield f"head {number} clusters", _show(head.clusters) if head.clusters else "flat"
-        for which, layer in enumerate(head.projections, start=1):
-            yield from _linear_rows(f"head {number} project{which}", layer)
-        yield f"head {number} shift, member_shift", f"{head.shift}, {head.member_shift}"
-        yield f"head {number} cluster_biases", _show(head.cluster_biases)
-        yield f"head {number} biases", _show(head.biases)
+        yield from _linear_rows(f"head {number} project", head.project)
+        yield f"head {number} biases; shift", f"{_show(head.biases)}; {head.shift}"
 
 
 def evaluation_rows() -> Rows:
@@ -154,7 +141,9 @@ def evaluation_rows() -> Rows:
     yield from _gru_rows(net, coders[0].words[FIRST_INDEX])
     tops = net.history([coders[0].words[FIRST_INDEX]])
     yield from _attention_rows(net, h, tops)
-    yield from _stage_two(net, coders[1], net.mix(h, [coders[0].words[FIRST_INDEX]]))
+    y = net.mix(h, [coders[0].words[FIRST_INDEX]])
+    yield "stage 2: y", _show(y)
+    yield from _symbol_rows("stage 2", coders[1], y)
 
 
 def _books() -> tuple[Any, Any]:
@@ -165,11 +154,12 @@ def _stage_one(net: Network, coder: Coder, h: Vector) -> Rows:
     y = net.mix(h, [])
     yield "stage 1: seen = value.signed(start), alpha of one state being 256", _show(net.attend(h, net.history([])))
     yield "stage 1: y = mixer.relu(h, seen)", _show(y)
-    yield from _symbol_rows("stage 1", net, coder.head.projections[0], coder.top(y), y)
+    yield from _symbol_rows("stage 1", coder, y)
 
 
-def _symbol_rows(stage: str, net: Network, project: Linear, logits: Vector, y: Vector) -> Rows:
-    yield f"{stage}: o", _show(project(y, -net.amax, net.amax))
+def _symbol_rows(stage: str, coder: Coder, y: Vector) -> Rows:
+    amax, logits = coder.network.amax, coder.logits(y)
+    yield f"{stage}: o", _show(coder.project(y, -amax, amax))
     yield f"{stage}: logits", _show(logits)
     yield f"{stage}: weights exp2w", _show([exp2w(max(logits) - logit) for logit in logits])
     c = frequencies(logits)
@@ -209,15 +199,6 @@ def _attention_rows(net: Network, h: Vector, tops: Matrix) -> Rows:
     yield "stage 2: scores", _show(scores)
     yield "stage 2: share_m; alpha_m", f"{_show(weights)}; {_show([256 * w // sum(weights) for w in weights])}"
     yield "stage 2: seen", _show(net.attend(h, tops))
-
-
-def _stage_two(net: Network, coder: Coder, y: Vector) -> Rows:
-    head = coder.head
-    yield "stage 2: y", _show(y)
-    yield "stage 2: centroids", _show(coder.centroids)
-    yield "stage 2: deviations", _show([word for part in coder.deviations for word in part])
-    yield from _symbol_rows("stage 2, cluster", net, head.projections[0], coder.top(y), y)
-    yield from _symbol_rows("stage 2, member of cluster 1", net, head.projections[1], coder.members(1, y), y)
 
 
 def table_text(rows: Rows) -> str:

@@ -37,12 +37,8 @@ class Oracle:
         return net.mix(net.embedding([clamp(v, -net.amax, net.amax) for v in x]), words)
 
     def top(self, book: int, y: Vector) -> Vector:
-        """Frequencies of the codewords of a flat head, of the clusters of a two-level one."""
-        return frequencies_of(self._coders[book].top(y))
-
-    def members(self, book: int, y: Vector, cluster: int) -> Vector:
-        """Frequencies of the members of a cluster."""
-        return frequencies_of(self._coders[book].members(cluster, y))
+        """Frequencies of the codewords."""
+        return frequencies_of(self._coders[book].logits(y))
 
 
 def frequencies_of(logits: Vector) -> Vector:

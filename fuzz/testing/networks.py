@@ -25,7 +25,6 @@ def random_network(
     stages: int = 3,
     hidden: int = 8,
     activation_bits: int = 10,
-    two_level: bool = True,
     attention: bool = True,
     gru_layers: int = 1,
     mixed: int | None = None,
@@ -43,9 +42,8 @@ def random_network(
     """
     dims = min(books.dimension, 6) if codeword_dims is None else codeword_dims
     words = [book for book in (books.coarse, books.residual) if len(book)]
-    clusters = tuple(random_clusters(rng, len(book)) if two_level else () for book in words)
     widths = hidden + 1, hidden, hidden if mixed is None else mixed
-    plan = NetworkPlan(activation_bits, widths, dims, gru_layers, gate=int(pre_activation), clusters=clusters,
+    plan = NetworkPlan(activation_bits, widths, dims, gru_layers, gate=int(pre_activation),
                        attention=attention, edge=edge)  # fmt: skip
     shift = _codeword_shift([book[:, :dims] for book in words], amplitude(activation_bits))
     network = network_of(rng, plan, inputs, books, stages - 1, shift)
@@ -54,15 +52,9 @@ def random_network(
 
 
 def _codeword_shift(books: list[np.ndarray], amax: int) -> int:
-    """Least shift that keeps logits, of codewords or their deviations, well below the limit."""
+    """Least shift that keeps logits, well below the limit."""
     for shift in range(24):
         e = [np.clip(book >> shift, -amax, amax) for book in books]
         if max(int((2 * np.abs(words) + 2).sum(axis=1).max()) for words in e) * amax < ACCUMULATOR_LIMIT // 4:
             return shift
     raise AssertionError("codewords that fit no shift")
-
-
-def random_clusters(rng: np.random.Generator, codewords: int) -> tuple[int, ...]:
-    """Random sizes, also 1, of clusters that hold so many codewords."""
-    cuts = rng.choice(codewords, rng.integers(0, min(codewords, 12)), replace=False)
-    return tuple(np.diff(np.unique(np.concatenate(([0], cuts, [codewords])))).tolist())

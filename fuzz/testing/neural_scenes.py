@@ -11,8 +11,7 @@ from numpy.random import Generator
 
 from conformance.scenes.made import Plan
 from conformance.scenes.neural_models import GridPlan, NetworkPlan, PredictorPlan
-from fuzz.testing.networks import random_clusters
-from fuzz.testing.scenes import CODEWORDS, random_plan, scene_of
+from fuzz.testing.scenes import random_plan, scene_of
 from scarfmt.coding.writer import QuantisedScene
 from scarfmt.container.schema import Profile
 from scarfmt.neural.grid import GridLevel
@@ -66,7 +65,6 @@ def _with_network(rng: Generator, plan: Plan, model: SceneModel) -> Plan:
         for number, row in enumerate(plan.rows)
     )
     grid = _grid(rng, plan.bits) if rng.random() < 0.75 else None
-    two_level = bool(rng.integers(2))
     network = NetworkPlan(
         int(rng.integers(8, 13)),
         (9, 8, 8),
@@ -76,7 +74,6 @@ def _with_network(rng: Generator, plan: Plan, model: SceneModel) -> Plan:
         bool(rng.integers(2)),
         int(rng.integers(0, plan.dimension + 1)),
         int(rng.integers(0, 3)),
-        clusters=tuple(random_clusters(rng, CODEWORDS) if two_level else () for _ in range(2)),
         attention=bool(rng.integers(2)),
     )
     if not (network.classes or (network.own and model.attributes) or model.context.occupancies or grid):

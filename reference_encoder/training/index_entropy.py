@@ -21,7 +21,7 @@ import numpy as np
 import torch
 
 from reference_encoder.training.fixed_order import one_thread
-from reference_encoder.training.networks.dataset import IndexRows, arrange_scene, describe_inputs, index_rows
+from reference_encoder.training.networks.dataset import IndexRows, describe_inputs, index_rows
 from reference_encoder.training.networks.grid import BinaryGrid, fit_box, hybrid_levels, wave_grid
 from reference_encoder.training.networks.index_training import Examples, IndexOptimizer, build, last_epochs, train
 from reference_encoder.training.networks.layers import NetworkShape, shape_for
@@ -39,16 +39,13 @@ class Lesson:
     """What an index network learns from, until indices are taken again.
 
     Attributes:
-        rows: codes in the order of clusters.
-        books: in that order.
-        clusters: sizes, of each book.
+        rows, books: samples, and the codewords that they choose from.
         shape: of the network.
         anchors: of the scene.
     """
 
     rows: IndexRows
     books: Codebooks
-    clusters: tuple[tuple[int, ...], ...]
     shape: NetworkShape
     anchors: int
 
@@ -61,7 +58,7 @@ class Lesson:
             seed: of its first weights.
         """
         features = 0 if grid is None else sum(level.features for level in grid.levels)
-        model = build(self.rows, self.books, self.clusters, self.shape, seed, features)
+        model = build(self.rows, self.books, self.shape, seed, features)
         if classes is not None:
             model.first.theta.data[:, classes : self.rows.inputs.shape[1]] = 0
         return IndexOptimizer(model, Examples(self.rows, grid), INDEX_LEARNING_RATE)
@@ -162,7 +159,7 @@ class JointIndexModel:
         return replace(scene, network=network, grid=scene.grid if self._grid is None else self._grid.export())
 
     def _prepare(self, scene: QuantisedScene) -> tuple[QuantisedScene, Inputs, IndexOptimizer]:
-        """The scene in the order of clusters, layers neural; what the network sees; and its optimiser, from now on."""
+        """The scene, layers neural; what the network sees; and its optimiser, from now on."""
         # All indices are to be coded by the network, which the scene does not have yet.
         neural = tuple(replace(row, neural=max(row.stages) > 0) for row in scene.model.layers)
         context = scene.model.context if scene.predictors else CONTEXT
@@ -183,11 +180,10 @@ class JointIndexModel:
                 box, extent = fit_box(rows.positions)
                 self._grid = BinaryGrid(box, hybrid_levels(anchors, extent), seed=self._seed)
             width = sum(level.features for level in self._grid.levels)
-        scene, rows, sizes = arrange_scene(scene, rows)
         assert scene.codebooks is not None
         indices = sum(int(scene.model.stages(len(neural), content.classes).sum()) for content in scene.contents)
         shape = shape_for(indices, dimension, 2 if self.paper else 1, self.paper)
-        self._lesson = Lesson(rows, scene.codebooks, sizes, shape, anchors)
+        self._lesson = Lesson(rows, scene.codebooks, shape, anchors)
         descent = self._lesson.begin(self._grid, classes if self.paper else None, self._seed)
         if self._descent is not None:
             _hand_on(self._descent, descent)

@@ -33,7 +33,6 @@ from scarfmt.entropy.numbers import Spend
 from scarfmt.errors import Malformed
 from scarfmt.neural.arithmetic import MAX_WEIGHT, Linear
 from scarfmt.neural.network import (
-    MAX_CLUSTERS,
     MAX_CODEWORD_DIMS,
     MAX_GRU_LAYERS,
     MAX_HEADS,
@@ -90,13 +89,8 @@ _GRU = Record(
 
 _HEAD = Record(
     "size" / Number(limit=MAX_CODEWORDS),
-    "cluster_count" / Number(limit=MAX_CLUSTERS) * "0: flat; else two-level",
-    "clusters" / Repeat("cluster_count", Number(limit=MAX_CODEWORDS)),
-    "project1" / _linear("codeword_dims + 1", "mixed"),
-    When("cluster_count > 0", "project2" / _linear("codeword_dims + 1", "mixed")),
+    "project" / _linear("codeword_dims + 1", "mixed"),
     "shift" / Number(limit=255),
-    "member_shift" / Number(limit=255),
-    "cluster_biases" / ShiftedNumbers("cluster_count"),
     "biases" / ShiftedNumbers("size"),
 )
 
@@ -201,12 +195,8 @@ def _gru_fields(layer: GruLayer) -> dict[str, Any]:
 def _head_fields(head: Head) -> dict[str, Any]:
     return {
         "size": len(head.biases),
-        "cluster_count": len(head.clusters),
-        "clusters": head.clusters,
-        **{f"project{number}": _linear_fields(layer) for number, layer in enumerate(head.projections, start=1)},
+        "project": _linear_fields(head.project),
         "shift": head.shift,
-        "member_shift": head.member_shift,
-        "cluster_biases": head.cluster_biases,
         "biases": head.biases,
     }
 
@@ -229,7 +219,7 @@ def unpack_network(payload: bytes, spend: Spend = lambda count: True) -> IndexNe
         gru=tuple(_gru(layer, 1 if number else at["tokens"]) for number, layer in enumerate(at["gru"])),
         attention=_attention(at) if at["flags"] & _ATTENTION else None,
         mixer=_layer(at["mixer"]),
-        heads=tuple(_head(head) for head in at["heads"]),
+        heads=tuple(Head(_layer(head["project"]), head["biases"], head["shift"]) for head in at["heads"]),
     )
     network.check_structure()
     return network
@@ -258,12 +248,6 @@ def _gru(at: Scope, tokens: int) -> GruLayer:
 
 def _attention(at: Scope) -> Attention:
     return Attention(_layer(at["query"]), _layer(at["key"]), _layer(at["value"]), at["score_shift"])
-
-
-def _head(at: Scope) -> Head:
-    projections = [at["project1"], *([at["project2"]] if at["cluster_count"] else [])]
-    layers, clusters = tuple(_layer(layer) for layer in projections), tuple(at["clusters"])
-    return Head(layers, clusters, at["cluster_biases"], at["biases"], at["shift"], at["member_shift"])
 
 
 SPEC = BlockSpec(

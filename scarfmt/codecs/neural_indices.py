@@ -1,7 +1,7 @@
 """Index sub-stream in entropy mode 1: every codeword number by the index network (SPEC §10.5; paper §3.4).
 
 Anchors travel pass by pass: those of a pass are embedded with what earlier passes revealed around them, then
-coded stage by stage. A symbol is one of the codebook, or a cluster and then a member of it.
+coded stage by stage.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from scarfmt.arrays import F32, I16, I32, I64, Ints
 from scarfmt.entropy.emitters import Emitter
 from scarfmt.entropy.symbol_reader import SymbolReader
 from scarfmt.neural.context import count_features
-from scarfmt.neural.evaluator import Blocks, Evaluator
+from scarfmt.neural.evaluator import Evaluator
 from scarfmt.neural.grid import HashGrid
 from scarfmt.neural.layer_context import LayerContext, cell_centres
 from scarfmt.neural.network import Inputs
@@ -97,20 +97,6 @@ def _grid_features(grid: HashGrid | None, context: LayerContext, wanted: NDArray
     return out
 
 
-def _read_symbols(reader: SymbolReader, evaluator: Evaluator, stage: int, mixed: F32, count: int) -> I64:
-    """(count,) indices of a stage, of (count, Y) mixer outputs: a symbol each, or a cluster and a member."""
-    book = int(stage > 1)
-    head, first = evaluator.network.heads[book], np.empty(count, np.int64)
-    for rows, weights in evaluator.first_blocks(book, mixed):
-        first[rows] = reader.read_rows(weights, stage)
-    if not head.two_level:
-        return first
-    out: I64 = head.starts[first]
-    for rows, weights in evaluator.member_blocks(book, mixed, first):
-        out[rows] += reader.read_rows(weights, stage)
-    return out
-
-
 def put_neural_indices(
     emitter: Emitter,
     evaluator: Evaluator,
@@ -128,7 +114,10 @@ def put_neural_indices(
     """
 
     def put(stage: int, anchors: I64, mixed: F32) -> None:
-        _put_symbols(emitter, evaluator, int(stage > 1), mixed, indices[anchors, stage - 1].astype(np.int64))
+        codes, at = indices[anchors, stage - 1].astype(np.int64), 0
+        for weights in evaluator.frequency_blocks(int(stage > 1), mixed):
+            emitter.emit_rows(weights, codes[at : at + len(weights)])
+            at += len(weights)
 
     _code(evaluator, context, indices, (before, after), put)
 
@@ -148,7 +137,8 @@ def get_neural_indices(
     """
 
     def get(stage: int, anchors: I64, mixed: F32) -> None:
-        indices[anchors, stage - 1] = _read_symbols(reader, evaluator, stage, mixed, len(anchors))
+        blocks = evaluator.frequency_blocks(int(stage > 1), mixed)
+        indices[anchors, stage - 1] = np.concatenate([reader.read_rows(weights, stage) for weights in blocks])
 
     _code(evaluator, context, indices, (before, after), get)
 
@@ -190,19 +180,3 @@ def _code_pass(
         if stage < int(after.max()):
             # Anchors without this stage are not coded later: their state no longer matters.
             state = evaluator.advance(state, stage, np.where(after >= stage, indices[part, stage - 1], 0))
-
-
-def _put_symbols(emitter: Emitter, evaluator: Evaluator, book: int, mixed: F32, symbols: I64) -> None:
-    head = evaluator.network.heads[book]
-    if not head.two_level:
-        _put_blocks(emitter, evaluator.first_blocks(book, mixed), symbols)
-        return
-    starts = head.starts
-    clusters = np.searchsorted(starts, symbols, side="right") - 1
-    _put_blocks(emitter, evaluator.first_blocks(book, mixed), clusters)
-    _put_blocks(emitter, evaluator.member_blocks(book, mixed, clusters), symbols - starts[clusters])
-
-
-def _put_blocks(emitter: Emitter, blocks: Blocks, symbols: I64) -> None:
-    for rows, weights in blocks:
-        emitter.emit_rows(weights, symbols[rows])

@@ -35,8 +35,6 @@ PASS = 1 << 21
 """Beginning one pass of a step with predictors."""
 STAGE_PASS = 1 << 23
 """Beginning one stage of one pass of the index network."""
-CLUSTER = 1 << 17
-"""Beginning one cluster in such a stage."""
 PRODUCT = 2
 """A multiply-add of what is applied to every anchor in the end, in binary64."""
 NUMBER = 1 << 4
@@ -99,8 +97,7 @@ def _of_tile(models: SceneModels, tables: Counter[tuple[int, int]], layer: int) 
     total = TILE_LAYER + GROUP * usable * (passes if predicted else 1)
     total += PASS * passes * len(predicted)
     if row.neural and models.network is not None:
-        clusters = max(len(head.clusters) for head in models.network.heads)
-        total += max(row.stages) * passes * (STAGE_PASS + CLUSTER * clusters)
+        total += max(row.stages) * passes * STAGE_PASS
     return total
 
 
@@ -143,9 +140,8 @@ def _of_indices(network: IndexNetwork | None, before: int, after: int) -> int:
         return 0
     if network is None:
         return SYMBOL * (after - before)
-    logits = max(len(head.clusters) + max(head.clusters) if head.two_level else len(head.biases)
-                 for head in network.heads)  # fmt: skip
-    return network.multiply_adds(after) + (after - before) * (2 * SYMBOL + NUMBER * logits)
+    logits = max(len(head.biases) for head in network.heads)
+    return network.multiply_adds(after) + (after - before) * (SYMBOL + NUMBER * logits)
 
 
 def _of_result(models: SceneModels) -> int:

@@ -19,7 +19,7 @@ typedef struct {
     int32_t *h;         /* (anchors of a pass, H) embeddings */
     float *columns;     /* (N) */
     int32_t *x, *y, *o; /* (N), (Y), (R + 1) */
-    int32_t *logits;    /* as many as codewords or clusters, and their weights */
+    int32_t *logits;    /* of all codewords, and their weights */
     uint32_t *weights;
     double *numbers;    /* columns of the cells */
 } Work;
@@ -110,11 +110,11 @@ static void mix(Work *w, int64_t anchor, int64_t stage, const int32_t *h) {
     apply(&net->mixer, both, 0, net->amax, w->y);
 }
 
-/* The first symbol of an anchor: its index, or its cluster. */
+/* The index of an anchor. */
 static int64_t read_one(Work *w, Rans *rans, const HeadModel *head, const Head *packed) {
     const Layer *top = &packed->top;
     uint64_t total = 0;
-    apply(&head->project1, w->y, -w->net->amax, w->net->amax, w->o);
+    apply(&head->project, w->y, -w->net->amax, w->net->amax, w->o);
     w->o[w->net->dims + 1] = 0;
     int32_t most = INT32_MIN;
     for (int64_t k = 0; k < packed->size; k++) {
@@ -135,29 +135,12 @@ static int64_t read_one(Work *w, Rans *rans, const HeadModel *head, const Head *
 
 static void read_stage(Work *w, Rans *rans, int64_t stage, const int64_t *anchors, int64_t wide) {
     const NetworkModel *net = w->net;
-    const HeadModel *head = net->head + (stage > 1);
-    const Head *packed = net->packed.heads + (stage > 1);
-    const Members *members = packed->members;
-    Indices *s = w->s;
-    int64_t coded = 0;
+    const Indices *s = w->s;
     for (int64_t i = 0; i < wide; i++) {
         if (s->before[anchors[i]] >= stage || s->after[anchors[i]] < stage) continue;
         mix(w, anchors[i], stage, w->h + i * net->hidden);
-        s->clusters[coded] = read_one(w, rans, head, packed);
-        if (members) {
-            apply(&head->project2, w->y, -net->amax, net->amax, w->o);
-            w->o[net->dims + 1] = 0;
-            for (int64_t k = 0; k < members->words; k++)
-                s->outputs[coded * members->words + k] = pair_of(w->o[2 * k], w->o[2 * k + 1]);
-        }
-        s->coded[coded++] = anchors[i];
-    }
-    if (members && coded)
-        scar_rans_members(rans, members, s->clusters, s->outputs, coded, net->packed.exp2, s->counts, s->order,
-                          s->logits, s->member_weights, s->found);
-    for (int64_t k = 0; k < coded; k++) {
-        const int64_t index = members ? members->starts[s->clusters[k]] + s->found[k] : s->clusters[k];
-        s->indices[s->coded[k] * s->stages + stage - 1] = (int16_t)index;
+        const int64_t index = read_one(w, rans, net->head + (stage > 1), net->packed.heads + (stage > 1));
+        s->indices[anchors[i] * s->stages + stage - 1] = (int16_t)index;
     }
 }
 

@@ -166,58 +166,33 @@ INLINE void mix(const Network *net, const Indices *s, int64_t stage, const int64
     put_words(sums, mixed, y);
 }
 
-/* Reads the first symbols of a stage: indices of a flat head, clusters of a two-level one, and for those what the
-second projection gives. Returns how many anchors are coded. */
-WIDE static int64_t read_first(Rans *rans, const Network *net, Indices *s, int64_t stage, const int64_t *anchors,
-                               int64_t wide) {
+/* Reads the indices of a stage. */
+WIDE static void read_stage(Rans *rans, const Network *net, Indices *s, int64_t stage, const int64_t *anchors,
+                            int64_t wide) {
     const Products *products = products_at_hand();
     const Head *head = net->heads + (stage > 1);
-    const int64_t size = head->size, words = head->second.rows / 2;
+    const int64_t size = head->size;
     uint32_t *totals = s->weights + size * BLOCK;
-    int64_t block[BLOCK], coded = 0;
+    int64_t block[BLOCK];
     Rans local = *rans;
-    int32_t *y = s->lanes, *o = y + head->first.words * BLOCK, *logits = o + head->top.words * BLOCK;
+    int32_t *y = s->lanes, *o = y + head->project.words * BLOCK, *logits = o + head->top.words * BLOCK;
     for (int64_t i = 0; i < wide; i += BLOCK) {
-        const int64_t start = coded;
+        int64_t coded[BLOCK], count = 0;
         block_anchors(anchors, wide, i, block);
         for (int64_t j = 0; j < BLOCK && i + j < wide; j++)
-            if (s->before[block[j]] < stage && s->after[block[j]] >= stage) s->coded[coded++] = i + j;
-        if (coded == start) continue;
+            if (s->before[block[j]] < stage && s->after[block[j]] >= stage) coded[count++] = j;
+        if (!count) continue;
         mix(net, s, stage, block, i, y, o);
-        products->pairs(&head->first, y, o);
+        products->pairs(&head->project, y, o);
         products->rows(&head->top, o, logits);
         column_weights(logits, size, net->exp2, s->weights, totals);
-        for (int64_t k = start; k < coded; k++) {
-            const int64_t j = s->coded[k] - i;
-            s->clusters[k] = size > 1 ? weighted(&local, s->weights + j, BLOCK, totals[j], (uint32_t)size) : 0;
+        for (int64_t k = 0; k < count; k++) {
+            const int64_t j = coded[k];
+            s->indices[block[j] * s->stages + stage - 1] =
+                size > 1 ? (int16_t)weighted(&local, s->weights + j, BLOCK, totals[j], (uint32_t)size) : 0;
         }
-        if (!head->members) continue;
-        products->pairs(&head->second, y, o);
-        for (int64_t k = start; k < coded; k++)
-            for (int64_t r = 0; r < words; r++) s->outputs[k * words + r] = o[r * BLOCK + s->coded[k] - i];
     }
     *rans = local;
-    s->modelled += coded;
-    return coded;
-}
-
-/* Reads the indices of a stage. */
-static void read_stage(Rans *rans, const Network *net, Indices *s, int64_t stage, const int64_t *anchors,
-                       int64_t wide) {
-    const Members *members = net->heads[stage > 1].members;
-    const int64_t coded = read_first(rans, net, s, stage, anchors, wide);
-    if (members && coded)
-        scar_rans_members(rans, members, s->clusters, s->outputs, coded, net->exp2, s->counts, s->order, s->logits,
-                          s->member_weights, s->found);
-    for (int64_t k = 0; k < coded; k++) {
-        int64_t index = s->clusters[k];
-        if (members) {
-            const int64_t start = members->starts[index];
-            s->modelled += members->starts[index + 1] - start > 1;
-            index = start + s->found[k];
-        }
-        s->indices[anchors[s->coded[k]] * s->stages + stage - 1] = (int16_t)index;
-    }
 }
 
 /* Adds m anchors, each with the sum of its codewords of the first stages, to the cells. */

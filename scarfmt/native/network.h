@@ -6,7 +6,6 @@
 #include "linear.h"
 #include "model.h"
 
-#define MOST_CLUSTERS 256
 #define MOST_HIDDEN 256
 #define GATES 3
 #define TABLE_END 255
@@ -20,10 +19,9 @@ typedef struct {
 } RecurrentModel;
 
 typedef struct {
-    int64_t size, clusters, cluster_sizes[MOST_CLUSTERS];
-    Linear project1, project2;
-    int64_t shift, member_shift;
-    const int32_t *cluster_biases, *biases;
+    int64_t size, shift;
+    Linear project;
+    const int32_t *biases;
     const int32_t *e; /* (size, R + 1) codewords as activations; NULL: its codebook was not received */
 } HeadModel;
 
@@ -35,7 +33,6 @@ struct NetworkModel {
     RecurrentModel gru[MOST_LAYERS];
     HeadModel head[MOST_HEADS];
     Network packed;
-    int64_t most_clusters, largest; /* of two-level heads; largest: blocks of members */
 };
 
 void read_network(Model *m, Body block);

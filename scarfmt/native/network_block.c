@@ -12,8 +12,8 @@
 /* A block and the models of its fields. */
 typedef struct {
     LinearReader layers;
-    NumberModel size, cluster_count, clusters, member_shift;
-    ShiftedModel bi, bh, start, cluster_biases;
+    NumberModel size;
+    ShiftedModel bi, bh, start;
 } NetworkReader;
 
 static void read_recurrent(NetworkReader *reader, Model *m, int64_t inputs, int64_t matrices, int64_t bias_rows,
@@ -34,14 +34,8 @@ static void read_head(NetworkReader *reader, Model *m, HeadModel *out) {
     LinearReader *layers = &reader->layers;
     Numbers *numbers = &layers->numbers;
     out->size = read_limited(numbers, &reader->size, MOST_CODEWORDS);
-    out->clusters = read_limited(numbers, &reader->cluster_count, MOST_CLUSTERS);
-    for (int64_t i = 0; i < out->clusters; i++)
-        out->cluster_sizes[i] = read_limited(numbers, &reader->clusters, MOST_CODEWORDS);
-    out->project1 = read_linear(layers, &m->pool, rows, mixed, BAD);
-    if (out->clusters) out->project2 = read_linear(layers, &m->pool, rows, mixed, BAD);
+    out->project = read_linear(layers, &m->pool, rows, mixed, BAD);
     out->shift = read_limited(numbers, &layers->shift, MOST_U8);
-    out->member_shift = read_limited(numbers, &reader->member_shift, MOST_U8);
-    out->cluster_biases = read_shifted(numbers, &reader->cluster_biases, &m->pool, out->clusters);
     out->biases = read_shifted(numbers, &layers->biases, &m->pool, out->size);
 }
 
@@ -108,18 +102,6 @@ static void check_recurrent(const NetworkModel *net, int64_t j) {
     }
 }
 
-static void check_head(const NetworkModel *net, const HeadModel *head) {
-    int64_t sum = 0;
-    demand(head->size >= 1 && head->shift <= MOST_SHIFT && head->member_shift <= MOST_SHIFT, BAD);
-    demand(linear_fits(&head->project1, net->amax), BAD);
-    demand(!head->clusters || linear_fits(&head->project2, net->amax), BAD);
-    for (int64_t i = 0; i < head->clusters; i++) {
-        demand(head->cluster_sizes[i] >= 1, BAD);
-        sum += head->cluster_sizes[i];
-    }
-    demand(head->clusters ? sum == head->size : !head->member_shift, BAD);
-}
-
 /* R-10.5-2 to R-10.5-5. */
 void check_network(const Model *m) {
     NetworkModel *net = m->network;
@@ -137,7 +119,9 @@ void check_network(const Model *m) {
     }
     for (int64_t j = 0; j < net->layers; j++) check_recurrent(net, j);
     demand(!net->tokens || net->heads == 2, BAD);
-    for (int64_t b = 0; b < net->heads; b++) check_head(net, net->head + b);
+    for (int64_t b = 0; b < net->heads; b++)
+        demand(net->head[b].size >= 1 && net->head[b].shift <= MOST_SHIFT && linear_fits(&net->head[b].project, net->amax),
+               BAD);
 }
 
 /* R-10.5-6 but for the codebooks. */

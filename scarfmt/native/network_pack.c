@@ -129,61 +129,6 @@ static int32_t *codewords(Model *m, const Book *book) {
     return e;
 }
 
-static void demand_rows(const NetworkModel *net, const int32_t *vectors, int64_t n, const int32_t *biases,
-                        int64_t shift) {
-    const int64_t width = net->dims + 1;
-    for (int64_t k = 0; k < n; k++)
-        demand(row_fits(vectors + k * width, width, biases[k], shift, net->amax, ACCUMULATOR_LIMIT), BAD);
-}
-
-/* Centroids of the clusters of a head, and into `deviations` what codewords differ by. */
-static int32_t *centroids_of(Model *m, const HeadModel *head, int32_t *deviations) {
-    const int64_t width = m->network->dims + 1;
-    int32_t *centroids = pool_take(&m->pool, 4 * head->clusters * width);
-    const int32_t *e = head->e;
-    for (int64_t i = 0; i < head->clusters; i++) {
-        const int64_t n = head->cluster_sizes[i];
-        for (int64_t d = 0; d < width; d++) {
-            int64_t sum = 0;
-            for (int64_t k = 0; k < n; k++) sum += e[k * width + d];
-            const int64_t mean = sum / n - (sum % n < 0);
-            centroids[i * width + d] = (int32_t)mean;
-            for (int64_t k = 0; k < n; k++) deviations[k * width + d] = e[k * width + d] - (int32_t)mean;
-        }
-        e += n * width, deviations += n * width;
-    }
-    return centroids;
-}
-
-/* The members of all clusters, in blocks. */
-static const Members *pack_members(Model *m, const HeadModel *head, const int32_t *deviations) {
-    const int64_t width = m->network->dims + 1, words = (width + 1) / 2;
-    Members *out = pool_zeros(&m->pool, sizeof *out);
-    int64_t *starts = pool_zeros(&m->pool, 8 * (head->clusters + 1));
-    int64_t *places = pool_zeros(&m->pool, 8 * (head->clusters + 1));
-    for (int64_t i = 0; i < head->clusters; i++) {
-        const int64_t blocks = (head->cluster_sizes[i] + BLOCK - 1) / BLOCK;
-        starts[i + 1] = starts[i] + head->cluster_sizes[i], places[i + 1] = places[i] + blocks;
-        out->largest = blocks > out->largest ? blocks : out->largest;
-    }
-    const int64_t blocks = places[head->clusters];
-    int32_t *weights = pool_zeros(&m->pool, 4 * blocks * words * BLOCK);
-    int32_t *offsets = pool_zeros(&m->pool, 4 * blocks * BLOCK);
-    for (int64_t i = 0; i < head->clusters; i++)
-        for (int64_t k = 0; k < head->cluster_sizes[i]; k++) {
-            const int32_t *from = deviations + (starts[i] + k) * width;
-            const int64_t block = places[i] + k / BLOCK, lane = k % BLOCK;
-            for (int64_t w = 0; w < words; w++)
-                weights[(block * words + w) * BLOCK + lane] =
-                    pair_of(from[2 * w], 2 * w + 1 < width ? from[2 * w + 1] : 0);
-            offsets[block * BLOCK + lane] =
-                (int32_t)(head->biases[starts[i] + k] + half_of_shift(head->member_shift));
-        }
-    out->clusters = head->clusters, out->words = words, out->starts = starts, out->places = places;
-    out->weights = weights, out->offsets = offsets, out->shift = head->member_shift;
-    return out;
-}
-
 /* Products of the codewords of book b with the input weights of the first recurrent layer, and for book 0 the states
 after each of them. */
 static void pack_tokens(Model *m, int64_t b) {
@@ -213,22 +158,11 @@ void pack_head(Model *m, int64_t b) {
     demand(b < net->heads && head->size == book->size, BAD);
     head->e = codewords(m, book);
     Head *out = net->packed.heads + b;
-    out->first = whole_layer(&m->pool, &head->project1, -net->amax, net->amax);
-    out->size = head->clusters ? head->clusters : head->size, out->members = NULL;
-    Linear top = {head->size, width, head->shift, head->e, head->biases};
-    if (!head->clusters) {
-        demand_rows(net, head->e, head->size, head->biases, head->shift);
-    } else {
-        int32_t *deviations = pool_take(&m->pool, 4 * head->size * width);
-        const int32_t *centroids = centroids_of(m, head, deviations);
-        demand_rows(net, centroids, head->clusters, head->cluster_biases, head->shift);
-        demand_rows(net, deviations, head->size, head->biases, head->member_shift);
-        top = (Linear){head->clusters, width, head->shift, centroids, head->cluster_biases};
-        out->second = whole_layer(&m->pool, &head->project2, -net->amax, net->amax);
-        out->members = pack_members(m, head, deviations);
-        net->most_clusters = head->clusters > net->most_clusters ? head->clusters : net->most_clusters;
-        net->largest = out->members->largest > net->largest ? out->members->largest : net->largest;
-    }
+    out->project = whole_layer(&m->pool, &head->project, -net->amax, net->amax);
+    out->size = head->size;
+    const Linear top = {head->size, width, head->shift, head->e, head->biases};
+    for (int64_t k = 0; k < head->size; k++)
+        demand(row_fits(head->e + k * width, width, head->biases[k], head->shift, net->amax, ACCUMULATOR_LIMIT), BAD);
     out->top = whole_layer(&m->pool, &top, -UNBOUNDED, UNBOUNDED);
     float *leading = pool_take(&m->pool, 4 * book->size * net->latents);
     for (int64_t k = 0; k < book->size; k++)
@@ -254,16 +188,10 @@ void lend_network(const NetworkModel *net, Pool *scratch, Indices *s, int64_t st
     int64_t lanes = embedded > recurrent ? embedded : recurrent;
     lanes = mixing > lanes ? mixing : lanes;
     s->chosen = pool_take(scratch, 8 * count), s->anchors = pool_take(scratch, 8 * count);
-    s->coded = pool_take(scratch, 8 * count), s->clusters = pool_take(scratch, 8 * count);
-    s->order = pool_take(scratch, 8 * count);
     s->means = pool_take(scratch, lane * (net->attributes + net->latents + 4));
     s->inputs = pool_take(scratch, lane * (net->inputs + 1));
     s->lanes = pool_take(scratch, lane * lanes);
     s->shares = pool_take(scratch, lane * blocks * mixed);
     s->states = pool_take(scratch, stages > MOST_HEADS ? lane * blocks * net->layers * hidden : 0);
     s->weights = pool_take(scratch, lane * (most + 1));
-    s->outputs = pool_take(scratch, 4 * count * words);
-    s->counts = pool_take(scratch, 8 * (net->most_clusters + 1));
-    s->logits = pool_take(scratch, lane * net->largest), s->member_weights = pool_take(scratch, lane * net->largest);
-    s->found = pool_take(scratch, 4 * count);
 }

@@ -27,8 +27,6 @@ typedef struct {
     /* A layer of (words, BLOCK) inputs: (rows, BLOCK) numbers, or (rows / 2, BLOCK) pairs. */
     void (*rows)(const Layer *l, const int32_t *x, int32_t *out);
     void (*pairs)(const Layer *l, const int32_t *x, int32_t *out);
-    /* Logits of (blocks, BLOCK) members of the cluster whose first block is `place`, of words of one anchor's outputs. */
-    void (*members)(const Members *m, int64_t place, int64_t blocks, const int32_t *o, int32_t *out);
 } Products;
 
 const Products *products_at_hand(void);

@@ -7,7 +7,6 @@ anchor of a block: load_sums, store_sums, repeated, chosen, between, paired, ope
 #include "products.h"
 
 #define ROOM 10 /* for the most that any has */
-#define UNBOUNDED (1 << 25)
 #define PART static inline __attribute__((always_inline, TARGET))
 
 /* The products of `rows` rows of weights, `stride` words apart, with words of inputs. */
@@ -96,15 +95,4 @@ __attribute__((TARGET)) static void rows(const Layer *l, const int32_t *x, int32
 
 __attribute__((TARGET)) static void pairs(const Layer *l, const int32_t *x, int32_t *out) { layer(l, x, 1, out); }
 
-__attribute__((TARGET)) static void members(const Members *m, int64_t place, int64_t blocks, const int32_t *o,
-                                            int32_t *out) {
-    const int32_t *weights = m->weights + place * m->words * BLOCK;
-    for (int64_t b = 0; b < blocks; b++) {
-        Sums sums = load_sums(m->offsets + (place + b) * BLOCK);
-        for (int64_t k = 0; k < m->words; k++, weights += BLOCK)
-            sums = add_pairs(sums, opened(load_sums(weights)), o + k);
-        store_sums(out + b * BLOCK, between(sums, (int32_t)m->shift, -UNBOUNDED, UNBOUNDED));
-    }
-}
-
-const Products PRODUCTS = {NAME, contexts, rows, pairs, members};
+const Products PRODUCTS = {NAME, contexts, rows, pairs};

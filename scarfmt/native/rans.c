@@ -1,9 +1,6 @@
 /* The inner loops of rANS decoding (SPEC 8.1-8.3): what scarfmt/entropy defines. */
 
-#include "products.h"
 #include "rans.h"
-
-#define NEVER (-(1 << 25)) /* so far below all logits that there is no weight */
 
 /* Takes the first state from the end of the words. */
 void scar_rans_open(Rans *rans) {
@@ -63,46 +60,4 @@ void scar_rans_uniform(Rans *rans, uint32_t size, int64_t n, int32_t *out) {
         advance(rans, slot, first, past);
         out[i] = (int32_t)s;
     }
-}
-
-/* Weights of the table of one anchor's members, from their logits; returns their sum. */
-INLINE uint64_t member_weights(const int32_t *logits, int64_t blocks, const uint32_t *exp2, uint32_t *weights) {
-    int32_t most[BLOCK];
-    memcpy(most, logits, sizeof most);
-    for (int64_t b = 1; b < blocks; b++) raise_lanes(most, logits + b * BLOCK);
-    int32_t top = most[0];
-    for (int j = 1; j < BLOCK; j++) top = most[j] > top ? most[j] : top;
-    for (int j = 0; j < BLOCK; j++) most[j] = top;
-    for (int64_t b = 0; b < blocks; b++) exp2_lanes(exp2, logits + b * BLOCK, most, weights + b * BLOCK);
-    uint64_t total = 0;
-    for (int64_t m = 0; m < blocks * BLOCK; m++) total += weights[m];
-    return total;
-}
-
-/* Members that n anchors chose in their clusters: clusters ascend, the order of anchors is kept in each, and a cluster
-of one member takes no symbol (SPEC 10.5).
-
-cluster: (n), below members->clusters. o: (n, words). counts: clusters + 1 numbers of scratch, order: n, logits and
-weights: largest * BLOCK each. */
-WIDE void scar_rans_members(Rans *rans, const Members *members, const int64_t *cluster, const int32_t *o,
-                                   int64_t n, const uint32_t *exp2, int64_t *counts, int64_t *order, int32_t *logits,
-                                   uint32_t *weights, int32_t *out) {
-    const Products *products = products_at_hand();
-    Rans local = *rans;
-    for (int64_t k = 0; k <= members->clusters; k++) counts[k] = 0;
-    for (int64_t i = 0; i < n; i++) counts[cluster[i] + 1]++;
-    for (int64_t k = 0; k < members->clusters; k++) counts[k + 1] += counts[k];
-    for (int64_t i = 0; i < n; i++) order[counts[cluster[i]]++] = i;
-    for (int64_t i = 0; i < n; i++) {
-        const int64_t anchor = order[i], chosen = cluster[anchor], place = members->places[chosen];
-        const int64_t size = members->starts[chosen + 1] - members->starts[chosen];
-        out[anchor] = 0;
-        if (size < 2) continue;
-        const int64_t blocks = members->places[chosen + 1] - place;
-        products->members(members, place, blocks, o + anchor * members->words, logits);
-        for (int64_t m = size; m < blocks * BLOCK; m++) logits[m] = NEVER;
-        const uint64_t total = member_weights(logits, blocks, exp2, weights);
-        out[anchor] = (int32_t)weighted(&local, weights, 1, total, (uint32_t)size);
-    }
-    *rans = local;
 }

@@ -88,8 +88,4 @@ INLINE uint32_t weighted(Rans *rans, const uint32_t *weights, size_t stride, uin
     return s;
 }
 
-void scar_rans_members(Rans *rans, const Members *members, const int64_t *cluster, const int32_t *o, int64_t n,
-                       const uint32_t *exp2, int64_t *counts, int64_t *order, int32_t *logits, uint32_t *weights,
-                       int32_t *out);
-
 #endif

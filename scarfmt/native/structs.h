@@ -48,16 +48,6 @@ typedef struct {
     const StaticTable *const *table;
 } Tables;
 
-/* The codewords of each cluster of a two-level head: cluster k has starts[k + 1] - starts[k] = m of them, in places[k + 1] -
-places[k] blocks of BLOCK, filled up with members that have no weight. A block has (words, BLOCK) words of weights and
-BLOCK offsets, with the half of the rounding. */
-typedef struct {
-    int64_t clusters, words, largest; /* largest: blocks of any */
-    const int64_t *starts, *places;
-    const int32_t *weights, *offsets;
-    int64_t shift;
-} Members;
-
 /* Sums over the anchors of each cell, up to MOST_DEPTHS depths, coarse first. */
 typedef struct {
     int64_t depths, columns;
@@ -163,10 +153,8 @@ typedef struct {
 } Recurrence;
 
 typedef struct {
-    Layer first, second;    /* projections; the second of a two-level head */
-    Layer top;              /* logits of codewords or clusters, not clamped */
-    int64_t size;           /* how many logits */
-    const Members *members; /* NULL: a flat head */
+    Layer project, top; /* top: logits of codewords, not clamped */
+    int64_t size;       /* codewords */
 } Head;
 
 typedef struct {
@@ -201,13 +189,6 @@ typedef struct {
     int32_t *lanes;                  /* scratch of a block, network_lanes of packed_network.py times BLOCK */
     int32_t *shares, *states;        /* scratch of a pass: (blocks, mixed), and (blocks, layers, H) beyond two stages */
     uint32_t *weights;               /* scratch: (most logits + 1, BLOCK) */
-    int64_t *coded, *clusters;       /* scratch: (count) places in the pass and clusters of the anchors of a stage */
-    int32_t *outputs;                /* scratch: (count, words of the members) */
-    int64_t *counts, *order;         /* scratch of scar_rans_members, as what follows */
-    int32_t *logits;
-    uint32_t *member_weights;
-    int32_t *found;
-    int64_t modelled;                /* symbols read */
 } Indices;
 
 #endif

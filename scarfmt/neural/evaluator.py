@@ -6,7 +6,6 @@ weights, and every operation is exact for what a valid network gives it (SPEC §
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
@@ -30,9 +29,6 @@ _SHARE_ONE = 256
 _EXP2 = exp2_table().astype(np.float64)
 _SIGMOID = (sigmoid_table() / _GATE_ONE).astype(np.float32)
 
-Blocks = Iterator[tuple[I64, F64]]
-"""Symbols to code in one call: (m,) int64 positions among the anchors asked for, in coding order; and (m, k) float64
-f - 1, one row a symbol."""
 
 
 @dataclass(frozen=True)
@@ -68,17 +64,12 @@ class Evaluator:
         self._tokens = [
             book.astype(np.float32) @ matrix for book, matrix in zip(words, self._gru[0].inputs, strict=False)
         ]
-        # Logits of the first symbol and of the members of each cluster, by codebook; none of one that is still empty.
-        self._logits: dict[int, tuple[Linear, list[Linear]]] = {}
-        for number, (head, book) in enumerate(zip(network.heads, words, strict=True)):
-            if len(book) and head.two_level:
-                ends = list(itertools.accumulate(head.clusters, initial=0))
-                parts = [slice(first, last) for first, last in itertools.pairwise(ends)]
-                deviations = head.deviations(book)
-                members = [_logits(deviations[part], head.biases[part], head.member_shift) for part in parts]
-                self._logits[number] = _logits(head.centroids(book), head.cluster_biases, head.shift), members
-            elif len(book):
-                self._logits[number] = _logits(book, head.biases, head.shift), []
+        # round_shift(<e, o> + b, s) of the codewords e of each book; none of one that is still empty.
+        self._logits = {
+            number: Linear(book.astype(np.int32), head.biases, head.shift)
+            for number, (head, book) in enumerate(zip(network.heads, words, strict=True))
+            if len(book)
+        }
 
     def embed(self, x: Numbers) -> F32:
         """(n, H) embeddings h of n anchors.
@@ -133,42 +124,15 @@ class Evaluator:
 
         return _by_parts(mix, mixer.inputs, h, *state.history)
 
-    def first_blocks(self, book: int, y: F32) -> Blocks:
-        """The first symbols of n anchors, in order: codewords of a flat head, clusters of a two-level one.
+    def frequency_blocks(self, book: int, y: F32) -> Iterator[F64]:
+        """float64 f - 1 of the codewords of a book, for n anchors in order, some rows at a time.
 
         Args:
             y: (n, Y).
         """
-        projection, (logits, _) = self.network.heads[book].projections[0], self._logits[book]
+        project, logits = self.network.heads[book].project, self._logits[book]
         for part in _parts(len(y), logits.outputs):
-            o = projection.signed(y[part], self._amax)
-            yield np.arange(part.start, part.stop), frequency_rows(logits.round(o))
-
-    def member_blocks(self, book: int, y: F32, clusters: Ints) -> Blocks:
-        """The members of n anchors: clusters ascend, order is kept in a cluster, clusters of one codeword are left out.
-
-        Args:
-            y: (n, Y).
-            clusters: (n,) the cluster of each anchor.
-        """
-        head, (_, members) = self.network.heads[book], self._logits[book]
-        # Of 16 bits, NumPy sorts by digits, many times faster.
-        order = np.argsort(clusters.astype(np.int16), kind="stable")
-        ends = np.searchsorted(clusters[order], np.arange(len(members) + 1))
-        # Neighbouring clusters of one size are coded together.
-        for size, run in itertools.groupby(range(len(members)), key=head.clusters.__getitem__):
-            if size == 1:
-                continue
-            here = list(run)
-            edges = ends[here[0] : here[-1] + 2] - ends[here[0]]
-            for part in _parts(int(edges[-1]), size):
-                rows = order[ends[here[0]] + part.start : ends[here[0]] + part.stop]
-                o, logits = head.projections[1].signed(y[rows], self._amax), np.empty((len(rows), size), np.float32)
-                for cluster, (first, last) in zip(here, itertools.pairwise(edges - part.start), strict=True):
-                    own = slice(max(first, 0), max(last, 0))
-                    if own.start < min(own.stop, len(rows)):
-                        logits[own] = members[cluster].round(o[own])
-                yield rows, frequency_rows(logits)
+            yield frequency_rows(logits.round(project.signed(y[part], self._amax)))
 
 
 class _Recurrence:
@@ -227,11 +191,6 @@ def frequency_rows(logits: F32) -> F64:
     prefix = np.cumsum(_powers(logits.max(axis=1, keepdims=True) - logits), axis=1)
     totals = prefix[:, -1:].copy()
     return np.diff(np.floor(prefix * (TOTAL - prefix.shape[1]) / totals), axis=1, prepend=0.0)
-
-
-def _logits(codewords: I64, biases: I64, shift: int) -> Linear:
-    """round_shift(<e, o> + b, s) of codewords e as a layer."""
-    return Linear(codewords.astype(np.int32), biases, shift)
 
 
 def _parts(count: int, columns: int) -> Iterator[slice]:

@@ -32,7 +32,6 @@ MAX_WIDTH = 256
 MAX_INPUTS = 512
 MAX_CODEWORD_DIMS = 64
 MAX_GRU_LAYERS = 4
-MAX_CLUSTERS = 256
 MAX_HEADS = 2
 MAX_TOKENS = 7
 QUERY_AMAX = 127
@@ -106,40 +105,14 @@ class Head:
     """Logits of one codebook of n codewords (SPEC §10.5).
 
     Attributes:
-        projections: (R, Y) layers: one (flat), or one for clusters and one for members (two-level).
-        clusters: codewords in each contiguous cluster; empty when flat.
-        cluster_biases: (clusters,) int64.
+        project: (R, Y) layer, of the vector that is multiplied with codewords.
         biases: (n,) int64, one a codeword.
-        shift: of the logits (flat) or the cluster logits (two-level).
-        member_shift: of the member logits; 0 when flat.
+        shift: of the logits.
     """
 
-    projections: tuple[Linear, ...]
-    clusters: tuple[int, ...]
-    cluster_biases: I64
+    project: Linear
     biases: I64
     shift: int
-    member_shift: int
-
-    @property
-    def two_level(self) -> bool:
-        """Whether a symbol is coded as cluster and member."""
-        return bool(self.clusters)
-
-    @property
-    def starts(self) -> I64:
-        """(clusters,) number of the first codeword of each cluster."""
-        sizes = np.array(self.clusters, np.int64)
-        return np.asarray(np.cumsum(sizes) - sizes)
-
-    def centroids(self, codewords: I64) -> I64:
-        """(clusters, R) int64 floor means of each cluster's (n, R) `codewords`."""
-        sums: I64 = np.add.reduceat(codewords, self.starts, axis=0)
-        return sums // np.array(self.clusters, np.int64)[:, None]
-
-    def deviations(self, codewords: I64) -> I64:
-        """(n, R) int64 `codewords` minus the centroid of their cluster."""
-        return codewords - np.repeat(self.centroids(codewords), self.clusters, axis=0)
 
 
 def as_activations(words: I64, shift: int, amax: int) -> I64:
@@ -246,24 +219,15 @@ class IndexNetwork:
                 _check_logits(self.heads[number], self.codewords(book), self.amax)
 
     def multiply_adds(self, stages: int) -> int:
-        """Multiplications of one anchor that codes all `stages`, evaluated as SPEC §10.5 states it, without tables.
-
-        Of a two-level head an average cluster counts.
-        """
+        """Multiplications of one anchor that codes all `stages`, evaluated as SPEC §10.5 states it, without tables."""
         h, tokens = self.hidden, max(stages - 1, 0)
         recurrent = sum(layer.inputs[0].size + layer.recurrent.size for layer in self.gru)
         total = sum(layer.weights.size for layer in self.embed) + tokens * recurrent + stages * self.mixer.weights.size
         if self.attention is not None:
             pairs = stages * (stages + 1) // 2
             total += self.attention.query.weights.size + 2 * stages * self.attention.key.weights.size + 2 * pairs * h
-        per_head = [_head_products(head, self.codeword_columns) for head in self.heads]
+        per_head = [head.project.weights.size + len(head.biases) * self.codeword_columns for head in self.heads]
         return int(total + per_head[0] + tokens * per_head[-1])
-
-
-def _head_products(head: Head, dims: int) -> int:
-    codewords = len(head.biases)
-    logits = len(head.clusters) + codewords // len(head.clusters) if head.two_level else codewords
-    return sum(p.weights.size for p in head.projections) + logits * dims
 
 
 def _require(condition: bool, message: str) -> None:
@@ -306,22 +270,11 @@ def _check_attention(attention: Attention, hidden: int, amax: int) -> None:
 
 
 def _check_head(head: Head, dims: int, width: int, amax: int) -> None:
-    _require(len(head.projections) == 1 + head.two_level, "a head with the wrong number of projections")
-    for projection in head.projections:
-        _check_linear(projection, (dims, width), amax)
+    _check_linear(head.project, (dims, width), amax)
     _require(1 <= len(head.biases) <= MAX_CODEWORDS, "a head for no codeword, or too many")
-    _require(head.cluster_biases.shape == (len(head.clusters),), "cluster biases that do not fit the clusters")
-    if head.two_level:
-        _require(len(head.clusters) <= MAX_CLUSTERS and min(head.clusters) >= 1, "clusters: none empty, at most 256")
-        _require(sum(head.clusters) == len(head.biases), "clusters that do not sum to the codewords")
-    _require(0 <= head.shift <= MAX_SHIFT and 0 <= head.member_shift <= MAX_SHIFT, "a logit shift outside 0..24")
-    _require(head.two_level or not head.member_shift, "a member shift without members")
+    _require(0 <= head.shift <= MAX_SHIFT, "a logit shift outside 0..24")
 
 
 def _check_logits(head: Head, codewords: I64, amax: int) -> None:
     _require(len(codewords) == len(head.biases), f"{len(head.biases)} biases for {len(codewords)} codewords")
-    if head.two_level:
-        check_rows(head.centroids(codewords), head.cluster_biases, amax, head.shift)
-        check_rows(head.deviations(codewords), head.biases, amax, head.member_shift)
-    else:
-        check_rows(codewords, head.biases, amax, head.shift)
+    check_rows(codewords, head.biases, amax, head.shift)

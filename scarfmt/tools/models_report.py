@@ -60,7 +60,6 @@ def _network(models: SceneModels, network: IndexNetwork) -> dict[str, Any]:
         "hidden": network.hidden,
         "gru_layers": len(network.gru),
         "attention": network.attention is not None,
-        "head": "two-level" if network.heads[0].two_level else "flat",
         "activation_bits": network.activation_bits,
         "inputs": {
             "classes": network.inputs.classes,

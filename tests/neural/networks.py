@@ -36,7 +36,7 @@ def cases(draw: st.DrawFn) -> Case:
     )  # fmt: skip
     network = random_network(
         rng, books, inputs, stages=stages, hidden=draw(st.integers(1, 9)), mixed=draw(st.integers(1, 7)),
-        activation_bits=draw(st.integers(8, 12)), two_level=draw(st.booleans()), attention=draw(st.booleans()),
+        activation_bits=draw(st.integers(8, 12)), attention=draw(st.booleans()),
         gru_layers=draw(st.integers(1, 2)), edge=draw(st.booleans()),
         pre_activation=draw(st.sampled_from([96, 3000, 1e6])),
     )  # fmt: skip

@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from conformance.writer.oracle import Oracle, frequencies_of
-from fuzz.testing.network_rows import first_rows, member_rows
+from fuzz.testing import network_rows
 from scarfmt.arrays import I64
 from scarfmt.neural.evaluator import Evaluator, frequency_rows
 from scarfmt.neural.network import Inputs
@@ -29,26 +29,11 @@ def context_of(evaluator: Evaluator, x: I64, codes: I64) -> Any:
     return evaluator.mix(evaluator.embed(x), state)
 
 
-def all_rows(evaluator: Evaluator, case: Case, x: I64, codes: I64) -> list[list[Any]]:
-    """Frequencies of the next symbol (flat), or of cluster and of every cluster's members (two-level)."""
-    book, y = int(codes.shape[1] > 0), context_of(evaluator, x, codes)
-    head = case.network.heads[book]
-    if not head.two_level:
-        return [(first_rows(evaluator, book, y) + 1).tolist()]
-    members = [(member_rows(evaluator, book, y, i) + 1).tolist() for i in range(len(head.clusters))]
-    return [(first_rows(evaluator, book, y) + 1).tolist(), *members]
-
-
-def oracle_rows(case: Case, x: I64, codes: I64) -> list[list[Any]]:
-    """The frequencies, computed one anchor at a time."""
+def oracle_rows(case: Case, x: I64, codes: I64) -> list[Any]:
+    """Frequencies of the next symbol, computed one anchor at a time."""
     oracle = Oracle(case.network, case.books.coarse.tolist(), case.books.residual.tolist())
-    book = int(codes.shape[1] > 0)
-    head = case.network.heads[book]
-    contexts = [oracle.context(a, b) for a, b in zip(x.tolist(), codes.tolist(), strict=True)]
-    if not head.two_level:
-        return [[oracle.top(book, y) for y in contexts]]
-    members = [[oracle.members(book, y, i) for y in contexts] for i in range(len(head.clusters))]
-    return [[oracle.top(book, y) for y in contexts], *members]
+    pairs = zip(x.tolist(), codes.tolist(), strict=True)
+    return [oracle.top(int(codes.shape[1] > 0), oracle.context(a, b)) for a, b in pairs]
 
 
 @st.composite
@@ -72,7 +57,9 @@ def questions(draw: st.DrawFn) -> tuple[Case, I64, I64]:
 def test_frequencies_are_those_of_the_oracle(question: tuple[Case, I64, I64]) -> None:
     """Networks of every kind, up to the edge of the accumulators; extreme inputs."""
     case, x, codes = question
-    assert all_rows(Evaluator(case.network, case.books), case, x, codes) == oracle_rows(case, x, codes)
+    evaluator, book = Evaluator(case.network, case.books), int(codes.shape[1] > 0)
+    found = network_rows.frequency_rows(evaluator, book, context_of(evaluator, x, codes)) + 1
+    assert found.tolist() == oracle_rows(case, x, codes)
 
 
 @settings(max_examples=40)
@@ -91,23 +78,16 @@ def test_selecting_anchors_between_stages_changes_nothing(question: tuple[Case, 
     assert np.array_equal(np.asarray(some), np.asarray(alone))
 
 
-@settings(max_examples=30)
-@given(st.integers(0, 2**32 - 1), st.integers(0, 40))
-def test_member_blocks_are_the_member_rows_in_coding_order(seed: int, count: int) -> None:
-    """Every anchor once unless its cluster is a single codeword; clusters ascend; order is kept."""
-    rng = np.random.default_rng(seed)
-    books = random_books(rng, 20, 9, 4)
-    network = random_network(rng, books, INPUTS)
-    x = rng.integers(-300, 300, (count, INPUTS.width))
-    evaluator = Evaluator(network, books)
-    y = context_of(evaluator, x, np.zeros((count, 0), np.int64))
-    sizes = np.array(network.heads[0].clusters)
-    clusters = rng.integers(0, len(sizes), count)
-    blocks = list(evaluator.member_blocks(0, y, clusters))
-    order = [int(row) for rows, _ in blocks for row in rows]
-    assert order == [i for i in np.argsort(clusters, kind="stable").tolist() if sizes[clusters[i]] > 1]
-    for row, weights in ((r, w) for block in blocks for r, w in zip(*block, strict=True)):
-        alone = member_rows(evaluator, 0, y[row : row + 1], int(clusters[row]))
+def test_rows_of_many_anchors_are_those_of_each() -> None:
+    """More than are worked on at once, of a book so large that few are."""
+    rng = np.random.default_rng(2)
+    books = random_books(rng, 4096, 9, 4)
+    evaluator = Evaluator(random_network(rng, books, INPUTS), books)
+    x = rng.integers(-300, 300, (100, INPUTS.width))
+    y = context_of(evaluator, x, np.zeros((100, 0), np.int64))
+    assert len(list(evaluator.frequency_blocks(0, y))) > 1
+    for row, weights in enumerate(network_rows.frequency_rows(evaluator, 0, y)):
+        alone = network_rows.frequency_rows(evaluator, 0, y[row : row + 1])
         assert weights.tolist() == alone[0].tolist()
 
 

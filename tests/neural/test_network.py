@@ -35,14 +35,6 @@ def test_random_networks_are_valid_also_for_fewer_stages(case: Case) -> None:
     case.network.check(replace(case.books, residual=case.books.residual[:0]), 1)
 
 
-def test_centroids_are_floor_means() -> None:
-    """Means of negative sums are rounded down, too; means and deviations add up to the codewords again."""
-    words = np.array([[1, -1], [2, -2], [9, 9], [-4, 0], [-3, 0]])
-    head = replace(network().heads[0], clusters=(2, 1, 2))
-    assert head.centroids(words).tolist() == [[1, -2], [9, 9], [-4, 0]]
-    assert head.deviations(words).tolist() == [[0, 1], [1, 0], [0, 0], [0, 0], [1, 0]]
-
-
 def test_codewords_are_shifted_with_ties_up_and_clamped() -> None:
     """The leading dimensions only, then 8 for every binary digit of the sum of their squares."""
     net = replace(network(activation_bits=8), codeword_dims=3, codeword_shift=1)
@@ -52,9 +44,9 @@ def test_codewords_are_shifted_with_ties_up_and_clamped() -> None:
 
 
 def test_multiply_adds_count_the_products_of_the_definition() -> None:
-    """By hand for a small network: three stages, two-level heads."""
+    """By hand for a small network: three stages."""
     net = network(hidden=8, mixed=5)
-    per_head = [5 * 5 * 2 + 5 * (len(h.clusters) + len(h.biases) // len(h.clusters)) for h in net.heads]
+    per_head = [5 * 5 + 5 * len(head.biases) for head in net.heads]
     embed, gru = 9 * INPUTS.width + 8 * 9, 2 * (24 * 5 + 24 * 8)
     attention = 64 + 2 * 3 * 64 + 2 * 8 * (1 + 2 + 3)
     assert net.multiply_adds(3) == embed + gru + attention + 3 * 5 * 16 + per_head[0] + 2 * per_head[1]

@@ -46,11 +46,8 @@ class Attention(NamedTuple):
 class Head(NamedTuple):
     """The head of one codebook."""
 
-    clusters: Vector
-    projections: list[Linear]
+    project: Linear
     shift: int
-    member_shift: int
-    cluster_biases: Vector
     biases: Vector
 
 
@@ -128,10 +125,6 @@ class Network:
     def mix(self, h: Vector, words: list[Vector]) -> Vector:
         return self.mixer(h + self.attend(h, self.history(words)), 0, self.amax)
 
-    def logits(self, project: Linear, vectors: Matrix, biases: Vector, shift: int, y: Vector) -> Vector:
-        o = project(y, -self.amax, self.amax)
-        return [round_shift(v, shift) for v in product(vectors, o, biases)]
-
 
 def parse_network(numbers: Numbers) -> Network:
     def counts(most: int, names: str) -> list[int]:
@@ -165,20 +158,14 @@ def _is_sound(net: Network, inputs: int) -> bool:
     if min(inputs, net.dims, *(len(layer.biases) for layer in (*net.embed, net.mixer))) < 1:
         return False
     attention = [net.attention.query, net.attention.key, net.attention.value] if net.attention else []
-    projections = [layer for head in net.heads for layer in head.projections]
+    projections = [head.project for head in net.heads]
     shifts = [net.latent_shift, net.codeword_shift, *(layer.shift for layer in net.gru)]
-    shifts += [shift for head in net.heads for shift in (head.shift, head.member_shift)]
+    shifts += [head.shift for head in net.heads]
     shifts += [net.attention.shift] if net.attention else []
     exact = all(layer.is_exact(net.amax) for layer in (*net.embed, *attention, net.mixer, *projections))
     exact &= all(_gru_is_exact(layer, net.amax) for layer in net.gru)
-    exact &= all(map(_head_is_sound, net.heads))
+    exact &= all(head.biases for head in net.heads)
     return max(shifts) <= 24 and exact and (net.tokens == 0 or len(net.heads) == 2)
-
-
-def _head_is_sound(head: Head) -> bool:
-    if head.clusters:
-        return sum(head.clusters) == len(head.biases) >= 1 and min(head.clusters) >= 1
-    return len(head.biases) >= 1 and head.member_shift == 0
 
 
 def _gru_is_exact(layer: Gru, amax: int) -> bool:
@@ -194,12 +181,7 @@ def _gru_is_exact(layer: Gru, amax: int) -> bool:
 def check_network(net: Network, books: dict[int, Matrix]) -> None:
     """R-10.5-7: the logits of every head stay in reach."""
     for number, book in books.items():
-        coder, head = Coder(net, net.heads[number], book), net.heads[number]
-        flat = [(coder.words, head.biases, head.shift)]
-        members = [word for part in coder.deviations for word in part]
-        two = [(coder.centroids, head.cluster_biases, head.shift), (members, head.biases, head.member_shift)]
-        for vectors, biases, shift in two if head.clusters else flat:
-            require(Linear(vectors, biases, shift).is_exact(net.amax), "bad-network")
+        require(Coder(net, net.heads[number], book).top.is_exact(net.amax), "bad-network")
 
 
 def _matrix(numbers: Numbers, rows: int, columns: int) -> Matrix:
@@ -226,12 +208,8 @@ def _attention(numbers: Numbers, hidden: int) -> Attention:
 
 
 def _head(numbers: Numbers, dims: int, mixed: int) -> Head:
-    size = numbers.count(4096, "size")
-    clusters = [numbers.count(4096, "clusters") for _ in range(numbers.count(256, "cluster_count"))]
-    projections = [_linear(numbers, dims, mixed) for _ in range(2 if clusters else 1)]
-    shift, member_shift = numbers.count(255, "shift"), numbers.count(255, "member_shift")
-    cluster_biases = numbers.take_shifted(len(clusters), "cluster_biases")
-    return Head(clusters, projections, shift, member_shift, cluster_biases, numbers.take_shifted(size, "biases"))
+    size, project = numbers.count(4096, "size"), _linear(numbers, dims, mixed)
+    return Head(project, numbers.count(255, "shift"), numbers.take_shifted(size, "biases"))
 
 
 def frequencies(logits: Vector) -> list[int]:
@@ -243,39 +221,16 @@ class Coder:
     """Head and codewords of one codebook."""
 
     def __init__(self, network: Network, head: Head, book: Matrix) -> None:
-        self.network, self.head = network, head
+        self.network, self.project = network, head.project
         self.words = [network.activations(word) for word in book]
-        self.starts = [sum(head.clusters[:i]) for i in range(len(head.clusters))]
-        self.centroids, self.deviations = [], []
-        for start, size in zip(self.starts, head.clusters, strict=True):
-            part = self.words[start : start + size]
-            centroid = [sum(column) // size for column in zip(*part, strict=True)]
-            self.centroids.append(centroid)
-            self.deviations.append([[e - c for e, c in zip(word, centroid, strict=True)] for word in part])
+        self.top = Linear(self.words, head.biases, head.shift)
 
-    def top(self, y: Vector) -> Vector:
-        """Logits of all codewords of a flat head, of all clusters of a two-level one."""
-        head = self.head
-        vectors, biases = (self.centroids, head.cluster_biases) if head.clusters else (self.words, head.biases)
-        return self.network.logits(head.projections[0], vectors, biases, head.shift, y)
+    def logits(self, y: Vector) -> Vector:
+        """Logits of all codewords."""
+        o, top = self.project(y, -self.network.amax, self.network.amax), self.top
+        return [round_shift(v, top.shift) for v in product(top.weights, o, top.biases)]
 
-    def members(self, i: int, y: Vector) -> Vector:
-        """Logits of the codewords of cluster i."""
-        head, start = self.head, self.starts[i]
-        biases = head.biases[start : start + head.clusters[i]]
-        return self.network.logits(head.projections[1], self.deviations[i], biases, head.member_shift, y)
-
-    def read(self, rans: Rans, ys: list[Vector]) -> Vector:
-        """The index of each of the anchors with these y."""
-        def symbol(logits: Vector) -> int:
-            return rans.symbol(Table(range(len(logits)), frequencies(logits)))
-
-        first = [symbol(self.top(y)) for y in ys]
-        if not self.head.clusters:
-            return first
-        index = [0] * len(ys)
-        for i, start in enumerate(self.starts):
-            for e, y in enumerate(ys):
-                if first[e] == i:
-                    index[e] = start + symbol(self.members(i, y))
-        return index
+    def read(self, rans: Rans, y: Vector) -> int:
+        """The index of the anchor with this y."""
+        logits = self.logits(y)
+        return rans.symbol(Table(range(len(logits)), frequencies(logits)))

@@ -47,13 +47,12 @@ class IndexReader:
             self.embedded += h.values()
             for stage in range(1, 9):
                 chosen = [a for a in part if before[a] < stage <= after[a]]
-                ys = [net.mix(h[a], self._words(coders, index[a], stage)) for a in chosen]
                 rans.forget()
-                values = coders[min(stage - 1, 1)].read(rans, ys) if chosen else []
+                for a in chosen:
+                    y = net.mix(h[a], self._words(coders, index[a], stage))
+                    index[a][stage] = coders[min(stage - 1, 1)].read(rans, y)
                 if rans.first:
                     self.tables.setdefault(stage, rans.first)
-                for a, value in zip(chosen, values, strict=True):
-                    index[a][stage] = value
             for a in part:
                 sums.add(a, self._row(index[a], a, after[a]))
 

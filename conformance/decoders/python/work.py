@@ -86,9 +86,8 @@ class Work:
         predicted = len({(stream, n) for stream, _, n in self.d.predictors[j - 1]} & gained)
         total = (1 << 21) + (1 << 15) * tables * (passes if predicted else 1) + (1 << 21) * passes * predicted
         if self.d.rows[j - 1].mode == 1 and self.d.network:
-            clusters = max(len(head.clusters) for head in self.d.network.heads)
             stages = max(self.d.stages(j, c) for c in range(self.d.classes(j)))
-            total += stages * passes * ((1 << 23) + (1 << 17) * clusters)
+            total += stages * passes * (1 << 23)
         return total
 
     def anchor_work(self, c: int, j: int) -> int:
@@ -115,21 +114,13 @@ class Work:
             return 0
         if self.d.rows[j - 1].mode == 0 or self.d.network is None:
             return (1 << 8) * gained
-        most = max(
-            len(head.clusters) + max(head.clusters) if head.clusters else len(head.biases)
-            for head in self.d.network.heads
-        )
-        return self._products(self.d.stages(j, c)) + gained * ((1 << 9) + (1 << 4) * most)
+        most = max(len(head.biases) for head in self.d.network.heads)
+        return self._products(self.d.stages(j, c)) + gained * ((1 << 8) + (1 << 4) * most)
 
     def _products(self, s: int) -> int:
         net = self.d.network
         assert net is not None
-        heads = []
-        for head in net.heads:
-            logits = len(head.biases)
-            if head.clusters:
-                logits = len(head.clusters) + logits // len(head.clusters)
-            heads.append(sum(_size(layer.weights) for layer in head.projections) + (net.dims + 1) * logits)
+        heads = [_size(head.project.weights) + (net.dims + 1) * len(head.biases) for head in net.heads]
         total = sum(_size(layer.weights) for layer in net.embed) + s * _size(net.mixer.weights)
         total += (s - 1) * self._recurrent() + heads[0] + (s - 1) * heads[-1]
         if net.attention:

@@ -54,7 +54,7 @@ def list_(suite: str | None, **selection: tuple[str, ...]) -> None:
 
     \b
     Examples:
-      scarfmt conformance list --feature two-level
+      scarfmt conformance list --feature hash-grid
     """
     from scarfmt_conformance import report
     from scarfmt_conformance.manifest import Selection, find_suite, open_suite

@@ -3,22 +3,16 @@
 A row is an anchor in a layer that gives it at least one RVQ stage (SPEC §10.5). Its inputs depend on the class, on the
 anchor's own attributes and, through cell means, on anchors decoded earlier: those of layers before, and those of
 earlier passes of the same tile-layer. They are equal to those of the decoder.
-
-For the two-level head a codebook is ordered into contiguous clusters of like codewords. A cluster is found by halving:
-codewords are sorted along the axis in which they spread most, and split where the numbers of clusters on both sides
-want it. The zero codeword, by far the most frequent where a stage often adds nothing, is a cluster of its own, so that
-coding it takes a single symbol.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
-from reference_encoder.tuning import FEWEST_CLUSTERED
-from scarfmt.arrays import F64, I16, I64
+from scarfmt.arrays import I16, I64
 from scarfmt.codecs.channels import coarsen
 from scarfmt.codecs.neural_indices import embedding_inputs
 from scarfmt.coding.tile import TileContent
@@ -27,71 +21,7 @@ from scarfmt.container.directory import TileFrame, tile_frame
 from scarfmt.neural.arithmetic import MAX_ACTIVATION_BITS, amplitude
 from scarfmt.neural.layer_context import LayerContext, cell_centres
 from scarfmt.neural.network import Inputs
-from scarfmt.scene.model import Codebooks, SceneModel
-
-Clusters = tuple[I64, tuple[int, ...]]
-"""A new order of n codewords: (n,) the old number of each, and the sizes of clusters; none: the book is coded flat."""
-
-
-def cluster(words: I64, uses: I64) -> Clusters:
-    """Clusters of similar size, about the square root of n of them.
-
-    Args:
-        words: (n, d) codewords.
-        uses: (n,) how often each is used; within a cluster the most used come first.
-    """
-    if len(words) < FEWEST_CLUSTERED:
-        return np.arange(len(words)), ()
-    zero = np.flatnonzero(~words.any(axis=1))[:1]
-    rest = np.setdiff1d(np.arange(len(words)), zero)
-    groups = _split_members(words.astype(np.float64), rest, round(float(np.sqrt(len(rest)))))
-    # Clusters of one size side by side are evaluated together.
-    arranged = [group[np.argsort(-uses[group], kind="stable")] for group in sorted(groups, key=len)]
-    arranged = [zero, *arranged] if len(zero) else arranged
-    return np.concatenate(arranged), tuple(len(group) for group in arranged)
-
-
-def _split_members(words: F64, members: I64, clusters: int) -> list[I64]:
-    """`members` split into `clusters` groups, sizes as equal as can be."""
-    if clusters <= 1:
-        return [members]
-    left = clusters // 2
-    centred = words[members] - words[members].mean(axis=0)
-    _, axes = np.linalg.eigh(centred.T @ centred)
-    axis = axes[:, -1]
-    # An eigenvector has no sign of its own.
-    axis = axis * np.sign(axis[np.argmax(np.abs(axis))])
-    order = members[np.argsort(np.round(centred @ axis, 6), kind="stable")]
-    cut = round(len(order) * left / clusters)
-    return _split_members(words, order[:cut], left) + _split_members(words, order[cut:], clusters - left)
-
-
-def arrange_scene(
-    scene: QuantisedScene, rows: IndexRows
-) -> tuple[QuantisedScene, IndexRows, tuple[tuple[int, ...], ...]]:
-    """The scene and its rows with both books in the order of clusters, and the sizes of the clusters of each."""
-    old = scene.codebooks
-    assert old is not None
-    coarse, residual = code_uses(rows, old.sizes)
-    clusters = cluster(old.coarse, coarse), cluster(old.residual, residual)
-    orders, sizes = [order for order, _ in clusters], tuple(size for _, size in clusters)
-    rows = replace(rows, codes=_renumber(rows.codes, orders))
-    contents = tuple(_recode(scene.model, content, orders) for content in scene.contents)
-    books = Codebooks(old.coarse[orders[0]], old.residual[orders[1]])
-    return replace(scene, contents=contents, codebooks=books), rows, sizes
-
-
-def _renumber(codes: I16, orders: Sequence[I64]) -> I16:
-    """(n, M) indices by the new numbers: the coarse book's, then the residual book's."""
-    ranks = [np.argsort(order).astype(np.int16) for order in orders]
-    return np.stack([ranks[min(stage, 1)][codes[:, stage]] for stage in range(codes.shape[1])], axis=1)
-
-
-def _recode(model: SceneModel, content: TileContent, orders: Sequence[I64]) -> TileContent:
-    received = model.stages(len(model.layers), content.classes)
-    indices = _renumber(content.indices, orders) * (np.arange(model.max_stages) < received[:, None])
-    return replace(content, indices=indices.astype(np.int16))
-
+from scarfmt.scene.model import SceneModel
 
 _WIDEST = amplitude(MAX_ACTIVATION_BITS)
 """Inputs are clamped to what the widest activations hold."""

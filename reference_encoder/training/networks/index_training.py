@@ -6,8 +6,6 @@ of a scene there is no overfitting that this sum does not show. Same rows, optio
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
 import torch
 from numpy.typing import NDArray
@@ -79,17 +77,9 @@ def measure(model: IndexModel, examples: Examples, most: int | None = None) -> N
     return totals * (examples.sent / max(sent, 1))
 
 
-def build(
-    rows: IndexRows,
-    books: Codebooks,
-    clusters: Sequence[Sequence[int]],
-    shape: NetworkShape,
-    seed: int,
-    grid_features: int = 0,
-) -> IndexModel:
-    """An untrained network for `rows`, codes in the order of the `clusters` of `books`: right on average, knows nothing
-    else."""
-    model = IndexModel(shape, books, clusters, rows.codes.shape[1], input_scale(rows.inputs, grid_features), seed)
+def build(rows: IndexRows, books: Codebooks, shape: NetworkShape, seed: int, grid_features: int = 0) -> IndexModel:
+    """An untrained network for `rows`: right on average, knows nothing else."""
+    model = IndexModel(shape, books, rows.codes.shape[1], input_scale(rows.inputs, grid_features), seed)
     for head, uses in zip(model.head, code_uses(rows, books.sizes), strict=False):
         head.start_from(uses)
     return model

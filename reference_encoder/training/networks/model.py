@@ -142,13 +142,11 @@ class IndexModel(nn.Module):
         self,
         shape: NetworkShape,
         books: Codebooks,
-        clusters: Sequence[Sequence[int]],
         stages: int,
         inputs: Scale,
         seed: int = 0,
     ) -> None:
-        """`books` in the order of their `clusters` (one empty: coded flat); `stages`: M; `inputs`: of
-        :func:`input_scale`."""
+        """`stages`: M; `inputs`: of :func:`input_scale`."""
         super().__init__()
         generator = torch.Generator().manual_seed(seed)
         self.stages = stages
@@ -168,7 +166,7 @@ class IndexModel(nn.Module):
         joined = np.append(value[0], context[0]), np.append(value[1], context[1])
         self.mixer = Dense(joined, wide, HIDDEN_UNIT, bits, generator)
         # The head of the coarse book, and that of the residual one.
-        self.head = [HeadModel(shape, word, sizes, generator) for word, sizes in zip(seen, clusters, strict=False)]
+        self.head = [HeadModel(shape, word, generator) for word in seen]
         self.heads = nn.ModuleList(self.head)
         # Integers that the network sees of each book.
         self.codewords = [torch.from_numpy(word.astype(np.float32)) for word in seen]
@@ -213,7 +211,7 @@ class IndexModel(nn.Module):
     def weight_bits(self) -> torch.Tensor:
         """About how many bits the network takes in the file."""
         parts = [m.scale_weights() for m in self.modules() if isinstance(m, Dense) and not m.frozen]
-        parts += [steps for head in self.head for steps in head.bias_steps()]
+        parts += [head.bias_steps() for head in self.head]
         counted = sum(m.bias.numel() for m in self.modules() if isinstance(m, Dense) and m.biased and not m.frozen)
         counted += sum(layer.biases.numel() + layer.start.numel() for layer in self.layers)
         return geometric_bits(parts) + BIAS_BITS * counted
@@ -233,7 +231,7 @@ def export_network(model: IndexModel, inputs: Inputs, books: Codebooks) -> Index
 
     Args:
         inputs: meaning of the columns the model was trained on.
-        books: in the order of the model's clusters.
+        books: those that the model was made for.
 
     Raises:
         Malformed: ``bad-network``; the bounds kept in training make it a fault of this program.
@@ -285,8 +283,4 @@ def _attention(part: AttentionModel) -> Attention:
 
 
 def _head(head: HeadModel) -> Head:
-    projects = tuple(_linear(level.project) for level in head.level)
-    biases, shifts = [_vector(level.biases()) for level in head.level], [level.shift for level in head.level]
-    if not head.sizes:
-        return Head(projects, (), np.zeros(0, np.int64), biases[0], shifts[0], 0)
-    return Head(projects, head.sizes, biases[0], biases[1], shifts[0], shifts[1])
+    return Head(_linear(head.project), _vector(head.biases()), head.shift)

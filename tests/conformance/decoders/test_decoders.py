@@ -10,7 +10,7 @@ import sys
 import pytest
 
 READABLE = f"{sys.executable} -m conformance.decoders.python"
-SOME = ("worked", "edge/anchors-camera", "valid/index-flat", "invalid/cut", "either/limit-tiles")
+SOME = ("worked", "edge/anchors-camera", "valid/index-plain", "invalid/cut", "either/limit-tiles")
 
 
 def _run(*arguments):

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -11,9 +10,9 @@ import pytest
 import torch
 from numpy.typing import NDArray
 
-from fuzz.testing.network_rows import first_rows, member_rows
+from fuzz.testing.network_rows import frequency_rows
 from fuzz.testing.scenes import random_scene
-from reference_encoder.training.networks.dataset import IndexRows, cluster, index_rows
+from reference_encoder.training.networks.dataset import IndexRows, index_rows
 from reference_encoder.training.networks.grid import BinaryGrid
 from reference_encoder.training.networks.head import HeadModel
 from reference_encoder.training.networks.index_training import Examples, build, last_epochs, measure, train
@@ -44,7 +43,6 @@ from scarfmt.neural.network import Inputs
 from scarfmt.scene.model import Channel, Codebooks, DecodedContext, LayerRow, SceneModel
 
 SHAPE = NetworkShape(hidden=8, codeword_dims=6)
-FLAT = (), ()
 INPUTS = Inputs(classes=1, own=True, attributes=3, depths=1, latents=2, latent_shift=0, grid=0)
 
 
@@ -66,7 +64,7 @@ def _rows(inputs: NDArray[Any], codes: I64, positions: I64 | None = None) -> Ind
 def _train(rows: IndexRows, books: Codebooks, epochs: int = 6, grid: BinaryGrid | None = None) -> NDArray[np.float64]:
     """(M,) bits a row of each stage, after a training."""
     features = 0 if grid is None else sum(level.features for level in grid.levels)
-    model, examples = build(rows, books, FLAT, SHAPE, 0, features), Examples(rows, grid)
+    model, examples = build(rows, books, SHAPE, 0, features), Examples(rows, grid)
     train(model, examples, epochs, 64, 0, 0.04)
     return measure(model, examples) / len(rows)
 
@@ -78,11 +76,10 @@ def _frequencies(logits: torch.Tensor) -> NDArray[np.int64]:
     return np.diff(sums * (TOTAL - count) // sums[:, -1:] + np.arange(1, count + 1), axis=1, prepend=0)
 
 
-def _rows_of(head: HeadModel, y: torch.Tensor, number: int, first: int, past: int) -> NDArray[np.int64]:
-    """(n, past - first) frequencies that training means for some of the symbols of one level of a head."""
-    level = head.level[number]
-    sums = torch.addmm(level.biases()[first:past], level.outputs(y), level.vectors[first:past].T)
-    return _frequencies(round_shift(sums, level.shift))
+def _rows_of(head: HeadModel, y: torch.Tensor) -> NDArray[np.int64]:
+    """(n, k) frequencies that training means for the codewords."""
+    sums = torch.addmm(head.biases(), head.project(y, -TOP, TOP), head.words / head.scale)
+    return _frequencies(round_shift(sums, head.shift))
 
 
 def test_the_network_does_not_depend_on_the_number_of_threads() -> None:
@@ -91,7 +88,7 @@ def test_the_network_does_not_depend_on_the_number_of_threads() -> None:
     rows, found = _rows(draw.integers(-200, 200, (8192, 40)), draw.integers(0, 8, (8192, 2))), []
     for threads in (1, 2):
         torch.set_num_threads(threads)
-        model = build(rows, _books(), FLAT, SHAPE, 0)
+        model = build(rows, _books(), SHAPE, 0)
         train(model, Examples(rows), 1, 4096, 0)
         found.append([parameter.detach() for parameter in model.parameters()])
         assert torch.get_num_threads() == threads
@@ -149,30 +146,25 @@ def test_where_there_is_nothing_to_learn_nothing_is_lost() -> None:
 
 def test_training_ends_when_it_no_longer_pays() -> None:
     rows = _rows(np.zeros((500, 2)), np.zeros((500, 1), np.int64))
-    assert len(train(build(rows, _books(), FLAT, SHAPE, 0), Examples(rows), 40, 64, 0)) < 40
+    assert len(train(build(rows, _books(), SHAPE, 0), Examples(rows), 40, 64, 0)) < 40
 
 
 VARIANTS = [SHAPE, replace(SHAPE, attention=True), replace(SHAPE, gru_layers=2, attention=True, weight_bits=7)]
 
 
-def _exported(shape: NetworkShape, two_level: bool) -> tuple[IndexModel, Evaluator, IndexRows]:
+def _exported(shape: NetworkShape) -> tuple[IndexModel, Evaluator, IndexRows]:
     """A model trained for a moment, and the evaluator of what the file would hold."""
     draw, books = np.random.default_rng(10), _books(50, 60)
-    sizes: Sequence[Sequence[int]] = FLAT
-    if two_level:
-        found = [cluster(words, np.ones(len(words), np.int64)) for words in (books.coarse, books.residual)]
-        books, sizes = Codebooks(books.coarse[found[0][0]], books.residual[found[1][0]]), [sizes for _, sizes in found]
     rows = _rows(draw.normal(size=(700, 10)) * 90, draw.integers(0, 50, (700, 3)))
-    model = build(rows, books, sizes, shape, 0)
+    model = build(rows, books, shape, 0)
     train(model, Examples(rows), 2, 64, 0, 0.04)
     return model, Evaluator(export_network(model, INPUTS, books), books), rows
 
 
-@pytest.mark.parametrize("two_level", [False, True])
 @pytest.mark.parametrize("shape", VARIANTS, ids=["plain", "attention", "deep"])
-def test_the_file_codes_with_the_very_frequencies_of_training(shape: NetworkShape, two_level: bool) -> None:
-    """Bit for bit, at every stage, for codewords, clusters and members."""
-    model, evaluator, rows = _exported(shape, two_level)
+def test_the_file_codes_with_the_very_frequencies_of_training(shape: NetworkShape) -> None:
+    """Bit for bit, at every stage."""
+    model, evaluator, rows = _exported(shape)
     inputs, _, _, codes = Examples(rows).batch(torch.arange(len(rows)))
     h, state = evaluator.embed(rows.inputs), evaluator.start(len(rows))
     with torch.no_grad():
@@ -180,13 +172,8 @@ def test_the_file_codes_with_the_very_frequencies_of_training(shape: NetworkShap
         for stage in range(1, 4):
             book, y = min(stage - 1, 1), evaluator.mix(h, state)
             mine = model.context(embedded, model.histories(codes, stage - 1))
-            head = model.head[book]
-            count = len(head.sizes) or head.count
-            np.testing.assert_array_equal(_rows_of(head, mine, 0, 0, count), first_rows(evaluator, book, y) + 1)
-            past = np.cumsum(head.sizes)
-            for number, size in enumerate(head.sizes):
-                found = _rows_of(head, mine, 1, past[number] - size, past[number])
-                np.testing.assert_array_equal(found, member_rows(evaluator, book, y, number) + 1)
+            expected = frequency_rows(evaluator, book, y) + 1
+            np.testing.assert_array_equal(_rows_of(model.head[book], mine), expected)
             if stage < 3:
                 state = evaluator.advance(state, stage, rows.codes[:, stage - 1].astype(np.int64))
 
@@ -195,7 +182,7 @@ def test_attention_codes_with_the_very_frequencies_of_training() -> None:
     """Bit for bit with what the file would hold, where the query decides: shares of states are not all alike."""
     draw, books = np.random.default_rng(14), _books(8, 8)
     rows = _rows(draw.normal(size=(200, 10)) * 90, draw.integers(0, 8, (200, 3)))
-    model = build(rows, books, FLAT, replace(SHAPE, attention=True), 0)
+    model = build(rows, books, replace(SHAPE, attention=True), 0)
     assert model.attention is not None
     for dense in (model.attention.query, model.attention.key, model.attention.value):
         dense.theta.data *= 6  # barely trained, scores are near 0 and every state has the same share
@@ -216,7 +203,7 @@ def test_training_teaches_attention_what_to_ask() -> None:
     """The query's weights move: the loss reaches them through the shares."""
     draw = np.random.default_rng(15)
     rows = _rows(draw.normal(size=(400, 4)) * 60, draw.integers(0, 8, (400, 3)))
-    model = build(rows, _books(), FLAT, replace(SHAPE, attention=True), 0)
+    model = build(rows, _books(), replace(SHAPE, attention=True), 0)
     assert model.attention is not None
     before = model.attention.query.theta.detach().clone()
     train(model, Examples(rows), 1, 64, 0)
@@ -224,10 +211,10 @@ def test_training_teaches_attention_what_to_ask() -> None:
 
 
 def test_coded_bytes_are_those_estimated() -> None:
-    model, evaluator, rows = _exported(SHAPE, False)
+    model, evaluator, rows = _exported(SHAPE)
     y = evaluator.mix(evaluator.embed(rows.inputs), evaluator.start(len(rows)))
     encoder = RansEncoder()
-    encoder.encode_rows(rows.codes[:, 0].astype(np.int64), first_rows(evaluator, 0, y))
+    encoder.encode_rows(rows.codes[:, 0].astype(np.int64), frequency_rows(evaluator, 0, y))
     estimate = measure(model, Examples(rows))[0] / 8
     assert estimate - 1 < len(encoder.finish()) < 1.005 * estimate + 16
 
