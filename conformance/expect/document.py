@@ -14,7 +14,7 @@ from conformance.decoders.python.front import Limits
 from conformance.decoders.python.streaming import read_streaming
 from conformance.expect.activated import Activated, activate
 from conformance.expect.expectations import Arrays, decoded_arrays, expected_streaming, scene_arrays
-from conformance.expect.features import features_of, list_rules
+from conformance.expect.features import features_of, is_core, list_rules
 from conformance.expect.places import interval, places
 from conformance.scenes.cases import Case
 from scarfmt.coding.writer import QuantisedScene, keep_layers
@@ -49,6 +49,8 @@ def expectation(case: Case) -> tuple[dict[str, Any], Extra]:
     profile = profile_of(case.data)
     if profile is not None:
         features.add(profile)
+    if is_core(case.data, _ANY):
+        features.add("core")
     decoded: dict[str, Any] = {}
     if case.scene is not None:
         decoded, extra, found = _describe_decoded(case, case.scene)

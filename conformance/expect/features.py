@@ -5,12 +5,14 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from conformance.decoders.python.decoder import Decoder
-from conformance.decoders.python.fields import LATENT
+from conformance.decoders.python.fields import LATENT, Refused
+from conformance.decoders.python.front import Limits, Root, read_header
 from conformance.decoders.python.models import parse_tables
 from conformance.decoders.python.numbers import Numbers
 from conformance.decoders.python.tile import NAMES
 
 _KNOWN_KINDS = (1, 2, 3, 4, 5, 6, 7, 8, 15, 16, 64)
+_OF_NETWORKS = (3, 5, 6, 7, 8)
 _TABLES, _TILE, _METADATA, _STREAMING, _NO_TILE = 2, 16, 64, 65, 0xFFFFFFFF
 
 RULES = {
@@ -46,6 +48,17 @@ def features_of(decoder: Decoder, anchors: int) -> set[str]:
     found |= set(_entropy(decoder))
     found |= set(_tables(decoder))
     return found | set(_blocks(decoder))
+
+
+def is_core(data: bytes, limits: Limits) -> bool:
+    """Whether a core decoder (SPEC §2) gives for a file what every decoder does: ROOT lists nothing that it lacks."""
+    try:
+        header, layers = read_header(data, limits)
+        root = Root(data, limits)
+        root.check(header, layers)
+    except Refused:
+        return True
+    return header["profile"] == 0 and not any(kind in _OF_NETWORKS for models in root.models for kind, *_ in models)
 
 
 def list_rules(features: set[str]) -> set[str]:

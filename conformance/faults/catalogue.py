@@ -40,10 +40,10 @@ def invalid_files(files: Files) -> Iterator[Case]:
         files: valid vectors by name, with their scenes.
     """
     data = {name: file for name, (file, _) in files.items()}
-    base, small = data["explicit-refined"], data["sh-from-network"]
+    base, small = data["explicit-core"], data["sh-from-network"]
     yield from (refuse(*fault, stage="container") for fault in _front_faults(base))
     yield from (refuse(*fault, stage="tiles") for fault in _block_faults(base))
-    yield from (refuse(*fault, stage="models") for fault in _model_faults(base, data["anchors"]))
+    yield from (refuse(*fault, stage="models") for fault in _model_faults(data["explicit-refined"], data["anchors"]))
     yield from (refuse(*fault, stage="tiles") for fault in _symbol_faults(base, small))
     yield from _block_by_block(files, data)
 
@@ -52,8 +52,8 @@ def _block_by_block(files: Files, data: dict[str, bytes]) -> Iterator[Case]:
     """Faults of each kind of block that belongs to no tile."""
     static = files["sh-from-network"]
     for faults in (
-        layer_faults(files["explicit-refined"], files["anchors-32-slots"], static, data["predictors"],
-                     data["predictors-alone"]),
+        layer_faults(files["explicit-core"], files["explicit-refined"], files["anchors-32-slots"], static,
+                     data["predictors"], data["predictors-alone"]),
         number_faults(static[0], data["anchors"], data["index-equal"], data["predictors"]),
         table_faults(static[0]),
         codebook_faults(static[0], data["explicit-refined"]),

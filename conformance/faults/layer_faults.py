@@ -28,11 +28,14 @@ _LIMIT = "count-limit"
 _NO_STREAM = 0
 
 
-def layer_faults(explicit: File, anchor: File, static: File, predictors: bytes, stageless: bytes) -> Iterator[Fault]:
+def layer_faults(
+    explicit: File, staged: File, anchor: File, static: File, predictors: bytes, stageless: bytes
+) -> Iterator[Fault]:
     """Files with a broken LAYER block.
 
     Args:
         explicit: with every channel of its profile, and three layers.
+        staged: the same with stages.
         anchor: with every channel of its profile.
         static: with SCALE only, one class and a stage in layer 1.
         predictors: the vector of that name.
@@ -40,7 +43,7 @@ def layer_faults(explicit: File, anchor: File, static: File, predictors: bytes, 
     """
     yield from _channel_faults(explicit, anchor)
     yield from _step_faults(static)
-    yield from _row_faults(explicit, anchor)
+    yield from _row_faults(explicit, staged, anchor)
     yield from _number_faults(static[0])
     yield from _mode_faults(explicit, predictors, stageless)
     yield from _context_faults(predictors)
@@ -137,7 +140,7 @@ def _step_faults(static: File) -> Iterator[Fault]:
         yield f"step-{name}", f"a first width that is {what}", *_STEP, _with_channels(static, channel)
 
 
-def _row_faults(explicit: File, anchor: File) -> Iterator[Fault]:
+def _row_faults(explicit: File, staged: File, anchor: File) -> Iterator[Fault]:
     def row(layer: int, file: File = explicit, /, **fields: Any) -> bytes:
         data, scene = file
         return _with_row(data, scene.model, layer, replace(scene.model.layers[layer - 1], **fields))
@@ -152,7 +155,8 @@ def _row_faults(explicit: File, anchor: File) -> Iterator[Fault]:
     yield "stages-nine", "nine stages", *_ROWS, row(3, stages=(9, *third.stages[1:]))
     yield ("stages-256", "256 stages more than there are, of which a byte holds those", *_ROWS,
            row(3, stages=(256 + third.stages[0], *third.stages[1:])))
-    yield "stages-taken-back", "a class has fewer stages than before", *_ROWS, row(3, stages=(1, *third.stages[1:]))
+    yield ("stages-taken-back", "a class has fewer stages than before", *_ROWS,
+           row(3, staged, stages=(1, *staged[1].model.layers[2].stages[1:])))
     steps = third.steps[0]
     second = explicit[1].model.layers[1].steps
     yield ("steps-taken-back", "a class has fewer steps than in the layer before", *_ROWS,

@@ -49,8 +49,8 @@ def stream_faults(files: Files) -> Iterator[Case]:
     """Files with a broken TILE block, or symbols that must not be."""
     data = {name: file for name, (file, _) in files.items()}
     for faults in (
-        _table_faults(data["explicit-refined"]),
-        _idle_faults(data["explicit-refined"], data["one-symbol"]),
+        _table_faults(data["explicit-core"]),
+        _idle_faults(data["explicit-core"], data["one-symbol"]),
         _rans_faults(data),
         _missing_tables(data),
         _value_faults(data),
@@ -155,7 +155,7 @@ def _second_block(constant: bytes, parts: dict[Stream, bytes], new: int) -> byte
 
 
 def _rans_faults(data: dict[str, bytes]) -> Iterator[Fault]:
-    constant, base, anchors = data["one-symbol"], data["explicit-refined"], data["anchors"]
+    constant, base, anchors = data["one-symbol"], data["explicit-core"], data["anchors"]
     word = bytes([1, 0, 0, 0])
     for stream in (Stream.CLASSES, Stream.SCALE, Stream.INDICES):
         yield (f"{stream.name.lower()}-unread", f"{stream.name} codes nothing, but has a word", *_SEAL,
@@ -178,7 +178,7 @@ def _rans_faults(data: dict[str, bytes]) -> Iterator[Fault]:
 
 def _missing_tables(data: dict[str, bytes]) -> Iterator[Fault]:
     rule = "R-8.3-3", "missing-table"
-    refined = "explicit-refined"
+    refined = "explicit-core"
     for name, what, file, layer, drop in (
         ("positions", "POSITIONS has no table", "duplicates", 1, _of(Stream.POSITIONS)),
         ("classes", "CLASSES has no table", refined, 3, _of(Stream.CLASSES)),
@@ -186,7 +186,7 @@ def _missing_tables(data: dict[str, bytes]) -> Iterator[Fault]:
         ("residual", "POSITION_RESIDUAL has no table", refined, 2, _of(Stream.POSITION_RESIDUAL)),
         ("latent", "LATENT has no table", refined, 2, _of(Stream.LATENT)),
         ("offsets", "OFFSETS has no table", "anchors", 1, _of(Stream.OFFSETS)),
-        ("indices", "INDICES has no table", refined, 1, _of(Stream.INDICES)),
+        ("indices", "INDICES has no table", "explicit-refined", 1, _of(Stream.INDICES)),
         ("bins", "no table of the bins of large nodes", "duplicates", 1, _node(17)),
         ("trits", "a refinement has no table", refined, 2, _of(Stream.SCALE, step=2)),
         ("predicted", "a context number of a predictor has no table", "predictors", 1, _of(Stream.OPACITY, 0, 1)),
@@ -251,7 +251,7 @@ def _change(record: Record, old: int | None, new: int) -> Record:
 def _value_faults(data: dict[str, bytes]) -> Iterator[Fault]:
     """Symbols that must not be, from alphabets that have them."""
     cls, mask, trit, index = ("R-7.3-1", "bad-class"), ("R-7.4-1", "bad-mask"), ("R-7.5-1", "bad-trit"), _INDEX
-    classes, masks, refined = _of(Stream.CLASSES), _of(Stream.MASKS), "explicit-refined"
+    classes, masks, core, refined = _of(Stream.CLASSES), _of(Stream.MASKS), "explicit-core", "explicit-refined"
     first, second = _of(Stream.INDICES, 1), _of(Stream.INDICES, 2)
     scale, rotation, residual = (
         _of(stream, step=2) for stream in (Stream.SCALE, Stream.ROTATION, Stream.POSITION_RESIDUAL)
@@ -262,14 +262,14 @@ def _value_faults(data: dict[str, bytes]) -> Iterator[Fault]:
         ("split-negative", "fewer than no anchors in the lower half", _SPLIT, "sh-from-network", 1, _node(2), None, -1),
         ("split-bin-16", "a bin of 16", _SPLIT, "duplicates", 1, _node(17), None, 16),
         ("split-bin-negative", "a bin of -1", _SPLIT, "duplicates", 1, _node(17), None, -1),
-        ("class-above", "a class that does not appear yet", cls, refined, 3, classes, None, 2),
-        ("class-before", "a class that appeared in an earlier layer", cls, refined, 3, classes, None, -1),
+        ("class-above", "a class that does not appear yet", cls, core, 3, classes, None, 2),
+        ("class-before", "a class that appeared in an earlier layer", cls, core, 3, classes, None, -1),
         ("mask-two", "a mask symbol of 2", mask, "anchors", 1, masks, 1, 2),
         ("mask-negative", "a mask symbol of -1", mask, "anchors", 1, masks, 0, -1),
-        ("trit-two", "a refinement of 2", trit, refined, 2, scale, 1, 2),
-        ("trit-minus-two", "a refinement of -2", trit, refined, 3, rotation, -1, -2),
+        ("trit-two", "a refinement of 2", trit, core, 2, scale, 1, 2),
+        ("trit-minus-two", "a refinement of -2", trit, core, 3, rotation, -1, -2),
         ("trit-predicted", "a refinement of 2 with a predictor", trit, "predictors", 2, scale, 1, 2),
-        ("trit-residual", "a refinement of -2 of POSITION_RESIDUAL", trit, refined, 3, residual, -1, -2),
+        ("trit-residual", "a refinement of -2 of POSITION_RESIDUAL", trit, core, 3, residual, -1, -2),
         ("index-negative", "an index of -1", index, refined, 1, first, None, -1),
         ("index-above", "an index of 12 in a codebook of 12", index, refined, 1, first, None, 12),
         ("index-residual", "an index of stage 2 beyond the residual codebook", index, refined, 2, second, None, 12),
@@ -277,7 +277,7 @@ def _value_faults(data: dict[str, bytes]) -> Iterator[Fault]:
     for name, purpose, rule, file, layer, pick, old, new in rows:
         yield name, purpose, *rule, _with_value(data[file], layer, pick, old, new)
     word = bytes([1, 0, 0, 0])
-    above = _with_value(data[refined], 3, classes, None, 2)
+    above = _with_value(data[core], 3, classes, None, 2)
     yield ("class-above-positions", "a class that does not appear yet, after POSITIONS with a word too many", *_SEAL,
            with_substream(above, 3, Stream.POSITIONS, lambda part: word + part))
     yield ("class-above-seal", "a class that does not appear yet, in CLASSES with a word too many", *cls,

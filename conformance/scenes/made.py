@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -250,6 +250,9 @@ def static_plans() -> dict[str, tuple[str, Plan]]:
             "none", (SCALE3,), steady(1, 0, (1,)), (), ())),
         "explicit-refined": ("all channels, three layers, four classes, tiles of other depth and shift, stages", Plan(
             "refined", EVERY_CHANNEL, REFINED_ROWS, SPREAD_TILES, (30, 20, 0, 40), degree=2, dimension=5)),
+        "explicit-core": ("all channels, three layers, four classes, tiles of other depth and shift, no stages", Plan(
+            "core", EVERY_CHANNEL, tuple(replace(row, stages=(0,) * len(row.stages)) for row in REFINED_ROWS),
+            SPREAD_TILES, (30, 20, 0, 40), degree=2, dimension=5)),
         "sh-from-network": ("no COLOUR: the network gives all coefficients; one stage only", Plan(
             "network", (SCALE3,), steady(1, 1, (1,)), WHOLE, (70,), degree=1, dimension=2)),
         "duplicates": ("400 anchors at 7 lattice points: leaves of many anchors, nodes of more than 16", Plan(

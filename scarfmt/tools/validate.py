@@ -312,9 +312,10 @@ class _Check:
         """Layers, from the first, whose models can be used.
 
         What a layer adds never mends what layers before it broke. So few attempts suffice, and one for a sound file:
-        each reads all models anew.
+        each reads all models anew. The first is what a decoder of all layers does, and finds what that one finds.
         """
         low, high, step = 0, self._last, self._last
+        found: list[ScarError] = []
         while low < high:
             layer = low + step
             self._report("models", layer / self._last)
@@ -322,10 +323,11 @@ class _Check:
                 self._models_of(layer)
                 low = layer
             except ScarError as error:
-                high, broken = layer - 1, error
+                high = layer - 1
+                found.append(error)
             step = (high - low + 1) // 2
-        if low < self._last:
-            self._add(broken)
+        for fault in (*found[:1], *found[-1:]):
+            self._add(fault)
         return low
 
     def _models_of(self, layer: int) -> SceneModels:

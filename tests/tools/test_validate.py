@@ -15,9 +15,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from conformance.surgery.files import blocks_of, rebuilt, stream_bytes, tile_parts
+from conformance.scenes.made import build, static_plans
+from conformance.surgery.files import blocks_of, change_block, rebuilt, stream_bytes, tile_parts, without
 from conformance.surgery.parts import flip_bits
 from fuzz.testing.scenes import random_scene
+from scarfmt.blocks.layer import pack_layer
 from scarfmt.blocks.tables import pack_tables
 from scarfmt.coding.reader import SceneReader
 from scarfmt.coding.writer import write_scene
@@ -134,6 +136,15 @@ def test_a_missing_model_block_is_told_and_earlier_layers_still_decoded() -> Non
     result = check(cut)
     assert refusals(result) == ["missing-block"]
     assert result.tiles_decoded == 3
+
+
+def test_what_a_decoder_of_all_layers_finds_is_told_before_what_one_of_few_finds() -> None:
+    """Layer 1 gives a stage without its network; layer 2 takes the stage back, which the whole is refused for."""
+    scene = build(static_plans()["explicit-refined"][1])
+    row = replace(scene.model.layers[1], stages=(0, 0))
+    data = without(write_scene(scene), BlockKind.DECODER_MLP, 1)
+    data = change_block(data, BlockKind.LAYER, 2, lambda _: pack_layer(row, None))
+    assert refusals(check(data)) == ["bad-layer-table", "missing-block"]
 
 
 def test_a_table_nobody_uses_is_a_warning_only() -> None:

@@ -14,7 +14,6 @@ from conformance.decoders.python.front import (
     HEADER_CHECKSUM,
     LAYER_SUMMARY,
     LIMITS,
-    NO_TILE,
     SIGNATURE,
     Layout,
     Limits,
@@ -26,7 +25,7 @@ from conformance.decoders.python.front import (
     size_of,
 )
 
-METADATA_KIND, STREAMING_KIND = "64", "65"
+METADATA_KIND, STREAMING_KIND = 64, 65
 
 
 def fields_at(data: bytes, at: int, layout: Layout) -> dict[str, Any]:
@@ -67,19 +66,24 @@ def _texts(row: dict[str, int]) -> dict[str, str]:
     return {name: str(number) for name, number in row.items()}
 
 
-def annotation(data: bytes, kind: str, most: int = EXACT, limits: Limits = LIMITS) -> bytes | None:
+def annotation(data: bytes, kind: int, most: int = EXACT, limits: Limits = LIMITS) -> bytes | None:
     """The block of a kind in layer 1 that belongs to no tile, where METADATA (R-5.4-6) and STREAMING (R-7.13-2) stand.
 
     Raises:
-        Refused: it has more bytes than `most`, or another CRC; what :func:`container_fields` raises.
+        Refused: the header or ROOT is not sound; the block has more bytes than `most`, or another CRC.
     """
-    for entry in container_fields(data, limits)["entries"]:
-        if (entry["kind"], entry["layer"], entry["tile"]) == (kind, "1", str(NO_TILE)):
-            start, length = int(entry["offset"]), int(entry["length"])
+    summaries = read_header(data, limits)
+    root = Root(data, limits)
+    root.check(*summaries)
+    # No page is read: ROOT says how many bytes the TILE blocks in between have.
+    start = root.blocks + sum(page.rows[0].block_bytes for page in root.pages)
+    for number, _, length, _, crc in root.models[0]:
+        if number == kind:
             require(length <= most, "limit-metadata")
             block = data[start : start + length]
-            require(zlib.crc32(block) == int(entry["crc32"]), "crc-mismatch")
+            require(zlib.crc32(block) == crc, "crc-mismatch")
             return block
+        start += length
     return None
 
 
