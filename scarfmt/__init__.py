@@ -43,7 +43,7 @@ if TYPE_CHECKING:
     from scarfmt.scene.gaussians import AnchorModel, GaussianScene
     from scarfmt.view_planning import Camera
 
-__version__ = "0.2.0"
+__version__ = "0.3.0"
 
 __all__ = [
     "AnchorModel",
