@@ -109,7 +109,7 @@ def _network_text(network: dict[str, Any]) -> str:
     kind = f"GRU x{network['gru_layers']}" + (" with attention" if network["attention"] else "")
     layers = f"layers {network['layers'][0]}-{network['layers'][-1]}"
     sources = ", ".join(name for name in ("own", "decoded", "grid") if network["inputs"][name])
-    return f"{kind}, H = {network['hidden']}, {network['head']} head, {layers}; sees class, {sources}"
+    return f"{kind}, H = {network['hidden']}, {layers}; sees class, {sources}"
 
 
 def describe_streaming(container: Container) -> dict[str, Any] | None:
