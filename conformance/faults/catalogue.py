@@ -43,7 +43,8 @@ def invalid_files(files: Files) -> Iterator[Case]:
     base, small = data["explicit-core"], data["sh-from-network"]
     yield from (refuse(*fault, stage="container") for fault in _front_faults(base))
     yield from (refuse(*fault, stage="tiles") for fault in _block_faults(base))
-    yield from (refuse(*fault, stage="models") for fault in _model_faults(data["explicit-refined"], data["anchors"]))
+    models = _model_faults(base, data["explicit-refined"], data["anchors"])
+    yield from (refuse(*fault, stage="models") for fault in models)
     yield from (refuse(*fault, stage="tiles") for fault in _symbol_faults(base, small))
     yield from _block_by_block(files, data)
 
@@ -54,8 +55,9 @@ def _block_by_block(files: Files, data: dict[str, bytes]) -> Iterator[Case]:
     for faults in (
         layer_faults(files["explicit-core"], files["explicit-refined"], files["anchors-32-slots"], static,
                      data["predictors"], data["predictors-alone"]),
-        number_faults(static[0], data["anchors"], data["index-equal"], data["predictors"]),
-        table_faults(static[0]),
+        number_faults(data["explicit-core"], static[0], data["anchors"], data["index-equal"],
+                      data["predictors"]),
+        table_faults(data["explicit-core"]),
         codebook_faults(static[0], data["explicit-refined"]),
         decoder_faults(static[0], data["explicit-refined"]),
         idle_faults(static[0], data["duplicates"]),
@@ -110,20 +112,20 @@ def _wrong_crc(payload: bytes) -> bytes:
     return bytes(out)
 
 
-def _model_faults(base: bytes, anchors: bytes) -> Iterator[Fault]:
+def _model_faults(base: bytes, staged: bytes, anchors: bytes) -> Iterator[Fault]:
     yield ("channels-descend", "POSITION_RESIDUAL became COLOUR, before SCALE", "R-6.4-1", "bad-channel",
            change_numbers(base, BlockKind.LAYER, renumber(("stream", Stream.COLOUR))))
     yield "no-layer-block", "layer 3 has no LAYER block", "R-6.5-1", "missing-block", without(base, BlockKind.LAYER, 3)
     yield ("no-codebook", "a stage without its codebook", "R-7.8-2", "missing-block",
-           without(base, BlockKind.CODEBOOKS, 1))
+           without(staged, BlockKind.CODEBOOKS, 1))
     yield ("idle-codebook", "a codebook that no layer first needs", "R-7.8-2", "unexpected-block",
-           copy_block(base, BlockKind.CODEBOOKS, 3))
+           copy_block(staged, BlockKind.CODEBOOKS, 3))
     yield ("no-scene-networks", "the anchor profile without SCENE_MLP", "R-7.9-4", "bad-mlp",
            without(anchors, BlockKind.SCENE_MLP, 1))
-    books = unpack_codebooks(block_of(base, BlockKind.CODEBOOKS).payload)
+    books = unpack_codebooks(block_of(staged, BlockKind.CODEBOOKS).payload)
     books[0][0, 0] = MAX_VALUE + 1
     yield ("codeword-large", "a component of 65536", "R-7.8-1", "bad-codebook",
-           change_block(base, BlockKind.CODEBOOKS, 1, lambda _: pack_codebooks(books)))
+           change_block(staged, BlockKind.CODEBOOKS, 1, lambda _: pack_codebooks(books)))
 
 
 def _symbol_faults(base: bytes, small: bytes) -> Iterator[Fault]:

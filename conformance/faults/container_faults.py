@@ -45,7 +45,7 @@ def container_faults() -> Iterator[Case]:
     yield from root_faults()
     yield from page_faults()
     yield from _block_faults(plain)
-    yield from precedence_cases(plain, paged_file())
+    yield from precedence_cases(plain, anchors, paged_file())
 
 
 # ------------------------------------------------------------------------------------------------ §5.1

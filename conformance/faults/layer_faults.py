@@ -46,7 +46,7 @@ def layer_faults(
     yield from _row_faults(explicit, staged, anchor)
     yield from _number_faults(static[0])
     yield from _mode_faults(explicit, predictors, stageless)
-    yield from _context_faults(predictors)
+    yield from _context_faults(explicit[0])
 
 
 def _with_channels(file: File, *channels: Channel) -> bytes:
@@ -186,8 +186,8 @@ def _with_offset_steps(anchor: File, number: int) -> bytes:
 def _mode_faults(explicit: File, predictors: bytes, stageless: bytes) -> Iterator[Fault]:
     unknown, idle = ("R-7.11-1", "unsupported-entropy-mode"), ("R-10.4-1", "bad-layer-table")
     for name, purpose, rule, data, mode in (
-        ("entropy-mode-2", "an entropy mode that is not assigned", unknown, predictors, 2),
-        ("entropy-mode-256", "entropy mode 256, of which a byte holds 0", unknown, predictors, 256),
+        ("entropy-mode-2", "an entropy mode that is not assigned", unknown, explicit[0], 2),
+        ("entropy-mode-256", "entropy mode 256, of which a byte holds 0", unknown, explicit[0], 256),
         ("mode-without-stage", "entropy mode 1 in a layer in which no class has a stage", idle, stageless, 1),
     ):
         yield name, purpose, *rule, change_numbers(data, BlockKind.LAYER, renumber(("entropy_mode", mode)))
@@ -213,7 +213,7 @@ def with_context(data: bytes, passes_log2: int, *targets: int) -> bytes:
     return change_numbers(data, BlockKind.LAYER, put)
 
 
-def _context_faults(predictors: bytes) -> Iterator[Fault]:
+def _context_faults(explicit: bytes) -> Iterator[Fault]:
     bad = "R-10.2-1", "bad-context"
     for name, purpose, rule, passes_log2, targets in (
         ("sixteen-passes", "passes_log2 is 4", bad, 4, (40, 5)),
@@ -224,7 +224,7 @@ def _context_faults(predictors: bytes) -> Iterator[Fault]:
         ("passes-256", "passes_log2 is 256, of which a byte holds 0", bad, 256, (40, 5)),
         ("five-targets", "five targets", ("R-8.5-4", _LIMIT), 2, (40, 30, 20, 10, 5)),
     ):
-        yield name, purpose, *rule, with_context(predictors, passes_log2, *targets)
+        yield name, purpose, *rule, with_context(explicit, passes_log2, *targets)
 
 
 def _number_faults(static: bytes) -> Iterator[Fault]:

@@ -22,13 +22,13 @@ _UNUSED = key(Stream.FRAMING, 0, 0, 0)
 """A key that names nothing, after all others."""
 
 
-def number_faults(static: bytes, anchors: bytes, equal: bytes, predicted: bytes) -> Iterator[Fault]:
-    """Faults of a file with LAYER, TABLES, CODEBOOKS and DECODER_MLP in layer 1, of one with SCENE_MLP, of one whose
+def number_faults(core: bytes, static: bytes, anchors: bytes, equal: bytes, predicted: bytes) -> Iterator[Fault]:
+    """Faults of a core file, of one with CODEBOOKS and DECODER_MLP in layer 1, of one with SCENE_MLP, of one whose
     index network ends in biases of 0, and of one with predictors."""
     shifted = (equal, BlockKind.ENTROPY_NETWORK), (predicted, BlockKind.PREDICTORS)
     for data, kind in (
-        *((static, kind) for kind in (BlockKind.LAYER, BlockKind.TABLES, BlockKind.CODEBOOKS, BlockKind.DECODER_MLP)),
-        (anchors, BlockKind.SCENE_MLP), *shifted,
+        (core, BlockKind.LAYER), (core, BlockKind.TABLES), (static, BlockKind.CODEBOOKS),
+        (static, BlockKind.DECODER_MLP), (anchors, BlockKind.SCENE_MLP), *shifted,
     ):
         name = kind.name.lower().replace("_", "-")
         yield (f"{name}-odd", "a byte after the last word", "R-8.2-1", "rans-length",
@@ -81,20 +81,20 @@ def _high_digit(numbers: list[Number], digit: int) -> list[Number]:
     return [(name, 256 if name == ("key", digit, 0) else number) for name, number in numbers]
 
 
-def table_faults(static: bytes) -> Iterator[Fault]:
+def table_faults(core: bytes) -> Iterator[Fault]:
     """Faults of tables; most add one at the end that codes nothing."""
 
     def last(*values: int, weights: tuple[int, ...] = (1, 1)) -> bytes:
-        return with_tables(static, 1, lambda records: [*records, Record(_UNUSED, values, weights)])
+        return with_tables(core, 1, lambda records: [*records, Record(_UNUSED, values, weights)])
 
     def numbers(change: Callable[[list[Number]], list[Number]]) -> bytes:
-        return change_numbers(static, BlockKind.TABLES, change)
+        return change_numbers(core, BlockKind.TABLES, change)
 
     yield "key-digit-256", "a stream kind of 256", *_TABLE, with_tables(
-        static, 1, lambda records: [*records, Record(256 << 24, (0,), (1,))])
+        core, 1, lambda records: [*records, Record(256 << 24, (0,), (1,))])
     for digit, what in enumerate(("component", "step", "context"), start=1):
         yield f"key-digit-{digit}-256", f"a {what} of 256", *_TABLE, numbers(partial(_high_digit, digit=digit))
-    most = with_tables(static, 1, lambda records: [*records, Record((1 << 32) - 1, (0,), (1,))])
+    most = with_tables(core, 1, lambda records: [*records, Record((1 << 32) - 1, (0,), (1,))])
     # The numbers of its key are 0 and cost nothing.
     yield ("key-after-last", "a key after that of four digits of 255", *_TABLE,
            change_numbers(most, BlockKind.TABLES, lambda n: [(n[0][0], n[0][1] + 1), *n[1:]]))

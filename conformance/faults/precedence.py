@@ -23,7 +23,7 @@ from conformance.surgery.parts import (
 _LAYER, _TABLES, _CODEBOOKS = 1, 2, 3
 
 
-def precedence_cases(base: bytes, paged: bytes) -> Iterator[Case]:
+def precedence_cases(base: bytes, anchors: bytes, paged: bytes) -> Iterator[Case]:
     """Two faults each; the rule named first is the one that decides.
 
     Args:
@@ -32,7 +32,7 @@ def precedence_cases(base: bytes, paged: bytes) -> Iterator[Case]:
     """
     for stage, faults in (
         ("container", _front_faults(base)), ("container", _root_faults(paged)), ("container", _page_faults(paged)),
-        ("models", _block_faults(base)),
+        ("models", _block_faults(base, anchors)),
     ):
         for name, purpose, rule, refusal, data in faults:
             yield refuse(f"precedence-{name}", purpose, f"{rule} R-12.2-1", refusal, data, stage)
@@ -106,7 +106,7 @@ def _page_faults(base: bytes) -> Iterator[Fault]:
            "page-sums", change_pages(change_rows(base, entry_with(_LAYER, crc32=more)), {"rows.1.3.lengths.0": more}))
 
 
-def _block_faults(base: bytes) -> Iterator[Fault]:
+def _block_faults(base: bytes, anchors: bytes) -> Iterator[Fault]:
     first, second = (change_block(base, _LAYER, layer, append()) for layer in (1, 2))
     yield ("block-crc", "the CRC of TABLES in layer 2 before the content of LAYER in layer 1", "R-5.6-1",
            "crc-mismatch", change_rows(first, entry_with(_TABLES, 2, crc32=more)))
@@ -121,4 +121,5 @@ def _block_faults(base: bytes) -> Iterator[Fault]:
     yield ("layer-context", "the seal of LAYER before its passes", "R-8.2-2", "rans-seal",
            change_numbers(passes, _LAYER, lambda numbers: [*numbers, (("more", None), 1)]))
     yield ("tables-codebooks", "TABLES of layer 2 before CODEBOOKS of layer 1", "R-8.2-1", "rans-last-word",
-           change_block(change_block(base, _TABLES, 2, replace_bytes(bytes(4))), _CODEBOOKS, 1, replace_bytes(b"\0")))
+           change_block(change_block(anchors, _TABLES, 2, replace_bytes(bytes(4))), _CODEBOOKS, 1,
+                        replace_bytes(b"\0")))

@@ -117,10 +117,10 @@ def _entry_faults(base: bytes) -> Iterator[Fault]:
         ("entry-twice", "two METADATA blocks", order, _twice),
         ("entry-empty", "a block of no bytes", ("R-5.4-8", "entry-length"), block_added(b"")),
         ("metadata-count", "the count of METADATA is 1", ("R-5.4-10", "entry-count"), entry_with(_METADATA, count=1)),
-        ("critical-model", "a critical block of the reserved kind 9", critical, lambda p: p.insert(4, kind=9, flags=1)),
+        ("critical-model", "a critical block of the reserved kind 9", critical, lambda p: p.insert(2, kind=9, flags=1)),
         ("critical-reserved", "a critical block of the reserved kind 17", critical,
-         lambda p: p.insert(7, kind=17, flags=1)),
-        ("critical-annotation", "a critical annotation", critical, lambda p: p.insert(8, kind=65, flags=1)),
+         lambda p: p.insert(5, kind=17, flags=1)),
+        ("critical-annotation", "a critical annotation", critical, lambda p: p.insert(6, kind=65, flags=1)),
         ("critical-late", "a critical private block in layer 2", critical, block_added(layer=2, flags=1)),
     )
     for name, purpose, rule, change in rows:

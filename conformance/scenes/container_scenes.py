@@ -20,11 +20,10 @@ _METADATA: dict[str, object] = {"title": "container"}
 
 @cache
 def plain_scene() -> QuantisedScene:
-    """Explicit profile: three tiles, two layers, a codebook, a network, METADATA; 32 lattice bits."""
+    """Explicit profile: three tiles, two layers, METADATA; 32 lattice bits."""
     return build(Plan(
-        "container", (SCALE3,), (LayerRow((1,), ((1,),)), LayerRow((1, 1), ((2,), (1,)))),
-        (Tile(1, 27, 1), Tile(2, 27, 16), Tile(1, 26, 5)), (4, 3, 5), bits=32, dimension=2, codewords=(3, 3), spread=1,
-        metadata=_METADATA,
+        "container", (SCALE3,), (LayerRow((0,), ((1,),)), LayerRow((0, 0), ((2,), (1,)))),
+        (Tile(1, 27, 1), Tile(2, 27, 16), Tile(1, 26, 5)), (4, 3, 5), bits=32, spread=1, metadata=_METADATA,
     ))
 
 
