@@ -178,21 +178,21 @@ def _rans_faults(data: dict[str, bytes]) -> Iterator[Fault]:
 
 def _missing_tables(data: dict[str, bytes]) -> Iterator[Fault]:
     rule = "R-8.3-3", "missing-table"
-    refined = "explicit-core"
+    core = "explicit-core"
     for name, what, file, layer, drop in (
         ("positions", "POSITIONS has no table", "duplicates", 1, _of(Stream.POSITIONS)),
-        ("classes", "CLASSES has no table", refined, 3, _of(Stream.CLASSES)),
+        ("classes", "CLASSES has no table", core, 3, _of(Stream.CLASSES)),
         ("masks", "MASKS has no table", "anchors", 1, _of(Stream.MASKS)),
-        ("residual", "POSITION_RESIDUAL has no table", refined, 2, _of(Stream.POSITION_RESIDUAL)),
-        ("latent", "LATENT has no table", refined, 2, _of(Stream.LATENT)),
+        ("residual", "POSITION_RESIDUAL has no table", core, 2, _of(Stream.POSITION_RESIDUAL)),
+        ("latent", "LATENT has no table", core, 2, _of(Stream.LATENT)),
         ("offsets", "OFFSETS has no table", "anchors", 1, _of(Stream.OFFSETS)),
         ("indices", "INDICES has no table", "explicit-refined", 1, _of(Stream.INDICES)),
         ("bins", "no table of the bins of large nodes", "duplicates", 1, _node(17)),
-        ("trits", "a refinement has no table", refined, 2, _of(Stream.SCALE, step=2)),
+        ("trits", "a refinement has no table", core, 2, _of(Stream.SCALE, step=2)),
         ("predicted", "a context number of a predictor has no table", "predictors", 1, _of(Stream.OPACITY, 0, 1)),
     ):
         yield f"no-table-{name}", what, *rule, _drop(data[file], layer, drop)
-    yield ("table-late", "a table of layer 2 does not code symbols of layer 1", *rule, _late_table(data[refined]))
+    yield ("table-late", "a table of layer 2 does not code symbols of layer 1", *rule, _late_table(data[core]))
 
 
 Pick = Callable[[Record], bool]

@@ -84,7 +84,7 @@ LAYER_SUMMARY: Any = Struct(
     "stream_bytes" / Array(STREAM_COUNT, Int64ul) * "Of byte_count, the bytes per stream kind 0..12; their sum is it",
 )
 
-HEADER_CHECKSUM: Any = Struct("header_crc32" / Int32ul * "CRC-32 of every byte before this field",)
+HEADER_CHECKSUM: Any = Struct("header_crc32" / Int32ul * "CRC-32 of every byte before this field")
 
 SUBSTREAM_RECORD: Any = Struct(
     "stream" / Int8ul * "Stream kind, 1..11, ascending within the block",

@@ -9,11 +9,14 @@ from typing import Any
 
 import pytest
 from jsonschema import Draft202012Validator
-from scarfmt_conformance.archive import expectation, names, unpack
+from scarfmt_conformance.archive import expectation, names, read, unpack
 
 from conformance.decoders.python.answers import EXACT
 from conformance.expect.features import RULES
 from conformance.generate import ROOT, generate, list_written, same
+from scarfmt.container.file import Container
+from scarfmt.container.source import BytesSource
+from scarfmt.limits import FORMAT_LIMITS
 
 
 def manifest() -> dict[str, Any]:
@@ -54,6 +57,15 @@ def test_features_that_stand_for_rules_occur() -> None:
     """Else a rule without a refusal id would have no vector, unnoticed."""
     found = {feature for row in manifest()["vectors"] for feature in row["features"]}
     assert set(RULES) <= found
+
+
+def test_core_vectors_are_those_without_blocks_of_networks() -> None:
+    """By the package's reader, which had no part in naming them: SPEC §2 lists what a core decoder refuses."""
+    for row in manifest()["vectors"]:
+        if row["result"] == "decoded" and row["class"] in ("valid", "edge"):
+            kinds = {int(entry.kind) for entry in Container(BytesSource(read(row["id"])), limits=FORMAT_LIMITS).entries}
+            core = row["profile"] == "explicit" and not kinds & {3, 5, 6, 7, 8}
+            assert ("core" in row["features"]) == core, row["id"]
 
 
 @pytest.fixture(scope="module")
