@@ -11,7 +11,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from reference_encoder.importance.attributes import Attributes
 from reference_encoder.importance.weights import Weights
@@ -36,15 +35,20 @@ class Sensitivity:
     colour: F64
     absence: F64
 
-    def take(self, index: NDArray[np.integer]) -> Sensitivity:
-        """The Gaussians at `index`, in that order."""
-        channels = {stream: values[index] for stream, values in self.channels.items()}
-        return Sensitivity(channels, self.colour[index], self.absence[index])
+
+def estimate_absence(weights: Weights) -> F64:
+    """(N,) error of leaving each Gaussian out."""
+    return weights.shape.astype(np.float64) * GAUSSIAN_ABSENCE
+
+
+def estimate_colour(weights: Weights) -> F64:
+    """(N,) error per squared unit of any SH coefficient."""
+    return weights.colour.astype(np.float64) * SH_C0**2
 
 
 def measure_sensitivity(attributes: Attributes, weights: Weights) -> Sensitivity:
-    """Sensitivities of all N Gaussians, from their weights."""
-    shapes, colours = weights.shape.astype(np.float64), weights.colour.astype(np.float64) * SH_C0**2
+    """Sensitivities of N Gaussians, from their weights."""
+    shapes, colours = weights.shape.astype(np.float64), estimate_colour(weights)
     variance = np.exp(2 * np.clip(attributes.log_scales, -40, 40))
     blurred = variance + BLUR_PX2 * (weights.pixel.astype(np.float64) ** 2)[:, None]
     visible = variance / blurred
@@ -62,4 +66,4 @@ def measure_sensitivity(attributes: Attributes, weights: Weights) -> Sensitivity
         # dc = (Y - G + O, Y + G, Y - G - O): squared column norms 3, 3, 2.
         Stream.COLOUR: colours[:, None] * np.array([3.0, 3.0, 2.0]),
     }
-    return Sensitivity(channels, colours, shapes * GAUSSIAN_ABSENCE)
+    return Sensitivity(channels, colours, estimate_absence(weights))

@@ -7,7 +7,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from reference_encoder.importance.attributes import Attributes, visible_attributes
-from reference_encoder.importance.sensitivity import Sensitivity, measure_sensitivity
+from reference_encoder.importance.sensitivity import (
+    Sensitivity,
+    estimate_absence,
+    estimate_colour,
+    measure_sensitivity,
+)
 from reference_encoder.importance.weights import Weights
 from reference_encoder.out_of_core.overview import Overview
 from reference_encoder.out_of_core.types import Range
@@ -81,10 +86,10 @@ class Fit:
         return QuantisedScene(self.fields, self.model, tiles, contents, decoder=decoder)
 
 
-def rank_gaussians(seen: Sensitivity, lambda_: float, shift: float, sh_degree: int) -> F64:
+def rank_gaussians(measured: Weights, lambda_: float, shift: float, sh_degree: int) -> F64:
     """(n,) importance that makes classes of Gaussians."""
-    share = CLASS_COLOUR_SHARE if sh_degree else 0.0
-    return rank_with_colour(seen.absence, seen.colour, share, lambda_ * GAUSSIAN_BITS, shift)
+    share, absence = CLASS_COLOUR_SHARE if sh_degree else 0.0, estimate_absence(measured)
+    return rank_with_colour(absence, estimate_colour(measured), share, lambda_ * GAUSSIAN_BITS, shift)
 
 
 def apply(
@@ -95,15 +100,15 @@ def apply(
     Returns:
         A range of which nothing is worth sending has no tiles.
     """
-    attributes = visible_attributes(scene, measured.pixel)
-    seen = measure_sensitivity(attributes, measured)
-    every = fit.classes.classify(rank_gaussians(seen, fit.lambda_, fit.shift, overview.bounds.sh_degree))
+    every = fit.classes.classify(rank_gaussians(measured, fit.lambda_, fit.shift, overview.bounds.sh_degree))
     left_out, invisible = every < 0, measured.largest < INVISIBLE_WEIGHT
     gone = int((left_out & invisible).sum()), int((left_out & ~invisible).sum())
     chosen = np.flatnonzero(every >= 0)
     if not len(chosen):
         return fit.scene((), ()), np.array([*gone, 0])
-    attributes, seen = attributes.take(chosen), seen.take(chosen)
+    measured = measured.take(chosen)
+    attributes = visible_attributes(scene.take(chosen), measured.pixel)
+    seen = measure_sensitivity(attributes, measured)
     wanted = choose_step(seen, fit.lambda_)
     within, bits = (part.first, part.past), fit.fields.lattice_bits
     placement = place(attributes.positions, wanted, fit.tile_anchors, fit.root, bits, within)

@@ -8,7 +8,12 @@ from typing import Any
 import numpy as np
 
 from reference_encoder.importance.attributes import Attributes, visible_attributes
-from reference_encoder.importance.sensitivity import Sensitivity, measure_sensitivity
+from reference_encoder.importance.sensitivity import (
+    Sensitivity,
+    estimate_absence,
+    estimate_colour,
+    measure_sensitivity,
+)
 from reference_encoder.importance.view_sampling import Views, ViewSet, judging_views, sample_views
 from reference_encoder.importance.weights import Weights, weigh_draft, weigh_scene
 from reference_encoder.judge.quality import Judge, cap_db, draw_gaussians
@@ -52,7 +57,6 @@ class ExplicitProfile:
         attributes: of all its Gaussians, in the terms of SPEC §9; axes that nobody sees are no shorter than that.
         survey: where they were looked at from.
         weights: what they weigh there.
-        sensitivity: what errors in them show.
         options, report: of the encoder; the frame is the one that was found.
     """
 
@@ -63,7 +67,6 @@ class ExplicitProfile:
     attributes: Attributes
     survey: Views
     weights: Weights
-    sensitivity: Sensitivity
     options: EncodeOptions
     report: Report
 
@@ -77,9 +80,8 @@ class ExplicitProfile:
         else:
             weights = weigh_draft(scene, views)
         attributes = visible_attributes(scene, weights.pixel)
-        sensitivity = measure_sensitivity(attributes, weights)
         options = replace(options, frame=views.up.up)
-        return cls(scene, attributes, views, weights, sensitivity, options, report)
+        return cls(scene, attributes, views, weights, options, report)
 
     def judge(self, view_set: ViewSet) -> Judge[GaussianScene]:
         """Pictures of the source from views of a set, drawn now."""
@@ -88,12 +90,14 @@ class ExplicitProfile:
 
     def prepare(self, quality: float) -> RdoInput:
         """What is to be decided at the lambda predicted to give `quality` dB."""
-        absence, lambda_ = self.sensitivity.absence, predict_lambda(quality, len(self.scene), GAUSSIAN_LAMBDA_DB)
+        lambda_ = predict_lambda(quality, len(self.scene), GAUSSIAN_LAMBDA_DB)
         share = CLASS_COLOUR_SHARE if self.scene.sh_degree else 0.0
-        ranked = rank_with_colour(absence, self.sensitivity.colour, share, lambda_ * GAUSSIAN_BITS)
+        absence, colour = estimate_absence(self.weights), estimate_colour(self.weights)
+        ranked = rank_with_colour(absence, colour, share, lambda_ * GAUSSIAN_BITS)
         every, count = classify(ranked, lambda_, GAUSSIAN_BITS, MOST_GAUSSIAN_CLASSES)
         kept = np.flatnonzero(every >= 0)
-        seen, attributes = self.sensitivity.take(kept), self.attributes.take(kept)
+        attributes = self.attributes.take(kept)
+        seen = measure_sensitivity(attributes, self.weights.take(kept))
         placement = place(attributes.positions, choose_step(seen, lambda_), self.options.tile_anchors)
         return gaussian_input(
             attributes, seen, every[kept], count, placement, lambda_, len(self.scene), 1.0, self.scene.description
@@ -101,7 +105,7 @@ class ExplicitProfile:
 
     def quantise(self, problem: RdoInput, allocation: Allocation) -> QuantisedScene:
         """All integers of the file of an allocation."""
-        absence, largest = self.sensitivity.absence, self.weights.largest
+        absence, largest = estimate_absence(self.weights), self.weights.largest
         left_out = classify(absence, problem.lambda_, GAUSSIAN_BITS, MOST_GAUSSIAN_CLASSES)[0] < 0
         invisible = largest < INVISIBLE_WEIGHT
         gone = int((left_out & invisible).sum()), int((left_out & ~invisible).sum())
