@@ -198,12 +198,11 @@ def first_cells(codes: U64, counts: I64, depth: int) -> Cells:
 
 
 def find_crowded(cells: Cells, most: int) -> U64:
-    """Codes at their depth, ascending, of the deepest cells that hold more than `most` and can be divided."""
+    """Codes at their depth, ascending, of cells that hold more than `most` and can be divided: all are the deepest."""
     deepest = int(cells.depth.max())
     if deepest + DEEPER > MAX_TILE_DEPTH:
         return np.empty(0, np.uint64)
-    chosen = (cells.depth == deepest) & (cells.count > most)
-    codes: U64 = cells.first[chosen] >> np.uint64(3 * (MAX_TILE_DEPTH - deepest))
+    codes: U64 = cells.first[cells.count > most] >> np.uint64(3 * (MAX_TILE_DEPTH - deepest))
     return codes
 
 
@@ -212,7 +211,7 @@ def divide(cells: Cells, codes: U64, counts: I64) -> Cells:
     depth = int(cells.depth.max()) + DEEPER
     deeper = first_cells(codes, counts, depth)
     again = np.unique(codes >> np.uint64(3 * DEEPER)) << np.uint64(3 * (MAX_TILE_DEPTH - depth + DEEPER))
-    chosen = ~np.isin(cells.first, again) | (cells.depth < depth - DEEPER)
+    chosen = ~np.isin(cells.first, again)
     first = np.concatenate([cells.first[chosen], deeper.first])
     order = np.argsort(first, kind="stable")
     depths = np.concatenate([cells.depth[chosen], deeper.depth])

@@ -45,11 +45,11 @@ def equal(a: GaussianScene, b: GaussianScene) -> bool:
 
 
 def binned(
-    origin: str, work: WorkDir, *, rows: int, range_size: int, tile: int, drop: bool = False
+    origin: str, work: WorkDir, *, rows: int, range_size: int, tile: int, drop: bool = False, degree: int | None = None
 ) -> tuple[Bounds, tuple[Range, ...], int]:
     """Scan, cut and bin, one task after another; bounds, ranges, and the number of chunks."""
     chunks = find_inputs(origin, rows).chunks
-    bounds = bounds_of([scan_chunk(chunk) for chunk in chunks], drop, None)
+    bounds = bounds_of([scan_chunk(chunk) for chunk in chunks], drop, degree)
     names = [f"counts/{chunk.number}" for chunk in chunks]
     for name, chunk in zip(names, chunks, strict=True):
         count_chunk(work, name, chunk, bounds, not drop, 6)

@@ -10,7 +10,9 @@ from pathlib import Path
 import numpy as np
 
 from reference_decoder.decode import decode
+from reference_encoder.importance.weights import Weights
 from reference_encoder.out_of_core.code import add_histograms, build_models, count_symbols, write_file
+from reference_encoder.out_of_core.fit import apply
 from reference_encoder.out_of_core.types import Rows
 from reference_encoder.out_of_core.work_dir import WorkDir, file_name
 from scarfmt.container.schema import BlockKind
@@ -43,11 +45,12 @@ def metadata(chain: Chain) -> bytes:
 
 def test_a_range_of_which_nothing_is_sent_has_no_blocks() -> None:
     chain = encoded(SIZE)
-    found, symbols = count_symbols(chain.fit.scene((), ()), np.array([3, 4, 0]))
+    unseen = Weights(*map(np.zeros_like, vars(chain.measured[0]).values()))
+    found, symbols = count_symbols(*apply(chain.overview, chain.fit, *chain.ranges[0], unseen))
     assert not any(symbols[1])
     assert not any(found.layers)
     assert not found.anchors.any()
-    assert found.losses.tolist() == [3, 4, 0]
+    assert found.losses.tolist() == [chain.ranges[0][0].count, 0, 0]
 
 
 def merge_file(chain: Chain, segments: Sequence[tuple[Rows, Sequence[bytes]]], folder: Path) -> bytes:

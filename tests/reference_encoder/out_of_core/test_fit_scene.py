@@ -13,6 +13,8 @@ from reference_encoder.out_of_core import measure as module
 from reference_encoder.out_of_core.fit_scene import fit_sample, prepare_sample
 from reference_encoder.out_of_core.measure import importance_levels, sample_range
 from reference_encoder.out_of_core.types import Sample
+from reference_encoder.profiles.explicit import view_dependent
+from reference_encoder.tuning import REST_SHARE
 from scarfmt.container.file import Container
 from scarfmt.container.registries import Stream
 from scarfmt.container.source import BytesSource
@@ -88,6 +90,20 @@ def test_tiles_stay_in_their_range() -> None:
 
 
 def test_every_gaussian_is_in_the_file_or_told_to_be_left_out() -> None:
+    """And those are told that are there without view-dependent colour."""
     chain = encoded(SIZE)
+    plain = ~view_dependent(chain.whole)
+    assert plain.any()
     for (part, _), (whole, losses) in zip(chain.ranges, chain.contents, strict=True):
         assert sum(map(len, whole.contents)) + losses[:2].sum() == part.count
+        assert losses[2] == sum(plain[content.classes].sum() for content in whole.contents)
+
+
+def test_an_error_of_a_latent_counts_as_that_of_the_colours_it_makes() -> None:
+    chain = encoded(SIZE)
+    attributes, seen, _ = prepare_sample(chain.overview, samples(9))
+    assert chain.fit.latent is not None
+    latent = chain.fit.latent.of(attributes, seen)
+    right, moved = (latent.decoder.apply(latent.values + np.float32(by), np.float64) for by in (0, 1))
+    counted = latent.weight * latent.values.shape[1]
+    np.testing.assert_allclose(counted, seen.colour * REST_SHARE * ((moved - right) ** 2).sum(axis=1), rtol=1e-2)

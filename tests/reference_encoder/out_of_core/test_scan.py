@@ -28,7 +28,7 @@ from reference_encoder.out_of_core.source import find_inputs
 from reference_encoder.out_of_core.work_dir import WorkDir
 from reference_encoder.rdo.lattice import cut_cubes
 from scarfmt.arrays import U64
-from scarfmt.errors import InvalidInput
+from scarfmt.errors import InputWarning, InvalidInput
 from scarfmt.formats.clean import clean
 from scarfmt.limits import MAX_TILE_DEPTH
 from scarfmt.scene.gaussians import GaussianScene
@@ -39,8 +39,10 @@ from tests.samples.codec_samples import refuses
 def spoiled(name: str, row: int, value: float) -> GaussianScene:
     scene = clusters(30)
     values = getattr(scene, name).copy()
-    values.reshape(30, -1)[row, 0] = value
-    return replace(scene, **{name: values})
+    values.reshape(30, -1)[[row, 25], 0] = value
+    scene = replace(scene, **{name: values})
+    scene.opacity_logits[[2, 28]] = np.inf
+    return scene
 
 
 def test_bounds_are_those_of_all_positions(tmp_path: Path) -> None:
@@ -50,7 +52,7 @@ def test_bounds_are_those_of_all_positions(tmp_path: Path) -> None:
     assert bounds.low == tuple(scene.positions.min(axis=0))
     assert bounds.high == tuple(scene.positions.max(axis=0))
     assert (bounds.count, bounds.sh_degree) == (100, 2)
-    assert bounds_of([scan_chunk(chunk) for chunk in chunks], False, 1).sh_degree == 1
+    assert [bounds_of([scan_chunk(chunk) for chunk in chunks], False, most).sh_degree for most in (1, 3)] == [1, 2]
 
 
 @pytest.mark.parametrize(
@@ -63,9 +65,12 @@ def test_what_cannot_be_encoded_is_refused_by_its_row(tmp_path: Path, name: str,
     with pytest.raises(InvalidInput) as whole:
         clean(scene)
     refuses(whole.value.refusal, lambda: bounds_of(scans, False, None), r"row 17 of .*scene\.ply")
-    cached, dropped = clean(scene, drop_invalid=True)
-    bounds = bounds_of(scans, True, None)
-    assert (bounds.count, dropped) == (29, 1)
+    with pytest.warns(InputWarning) as expected:
+        cached, dropped = clean(scene, drop_invalid=True)
+    with pytest.warns(InputWarning) as told:
+        bounds = bounds_of(scans, True, None)
+    assert [str(each.message) for each in told] == [str(each.message) for each in expected]
+    assert (bounds.count, dropped) == (28, 2)
     assert bounds.low == tuple(cached.positions.min(axis=0))
 
 

@@ -13,6 +13,7 @@ import pytest
 
 from reference_encoder.out_of_core.source import Inputs, find_inputs, read, read_positions
 from scarfmt import formats
+from scarfmt.errors import InputWarning
 from scarfmt.formats.export_ply import ply_header, ply_rows
 from scarfmt.scene.gaussians import GaussianScene, concatenate
 from tests.formats.scene_files import compressed_ply, inria_names, inria_ply, ply, read_scene, sog_files, splat, spz
@@ -47,11 +48,14 @@ def test_columns_come_in_any_order_and_type_and_after_other_elements(tmp_path: P
     values = np.random.default_rng(0).normal(size=(30, len(names))).round()
     kinds = [("uchar" if name == "label" else "double" if name in "xyz" else "float", name) for name in names]
     body = ply(kinds, np.abs(values))
-    before = b"element camera 3\nproperty double focal\nproperty uchar id\nelement vertex"
+    before = b"element camera 3\nproperty double focal\nproperty uchar id\n"
     path = tmp_path / "a.ply"
-    body = body.replace(b"element vertex", before, 1)
-    path.write_bytes(body.replace(b"end_header\n", b"end_header\n" + bytes(27), 1))
-    assert equal(all_of(find_inputs(str(path), 8)), read_scene(path))
+    for more, size in ((b"", 27), (b"property list uchar int seen\n", 30)):
+        header = body.replace(b"element vertex", before + more + b"element vertex", 1)
+        path.write_bytes(header.replace(b"end_header\n", b"end_header\n" + bytes(size), 1))
+        with pytest.warns(InputWarning, match="columns label"):
+            inputs = find_inputs(str(path), 8)
+        assert equal(all_of(inputs), read_scene(path))
 
 
 def test_rows_are_numbered_as_in_their_file(tmp_path: Path) -> None:
@@ -62,7 +66,7 @@ def test_rows_are_numbered_as_in_their_file(tmp_path: Path) -> None:
 def test_a_folder_is_its_files_by_name(tmp_path: Path) -> None:
     """Small files whose size is known share a chunk; others are one each."""
     files = {"b.ply": inria_ply(5), "a.spz": spz(3), "c.splat": splat()}
-    files |= {"d.ply": compressed_ply(), "e.ply": inria_ply(4)}
+    files |= {"d.PLY": compressed_ply(), "e.ply": inria_ply(4)}
     for name, data in files.items():
         (tmp_path / name).write_bytes(data)
     (tmp_path / "notes.txt").write_text("not a scene")
@@ -76,6 +80,9 @@ def test_the_finest_level_of_a_streamed_sog_is_read(tmp_path: Path) -> None:
     index = streamed(tmp_path, {"environment": "env/meta.json"})
     for origin in (index, tmp_path):
         assert equal(all_of(find_inputs(str(origin), 4)), read_scene(index))
+    before = find_inputs(str(index)).versions
+    next((tmp_path / "0_0").glob("*.webp")).write_bytes(b"another picture")
+    assert find_inputs(str(index)).versions != before
 
 
 def test_everything_can_be_at_a_url(tmp_path: Path) -> None:
@@ -97,10 +104,10 @@ def test_everything_can_be_at_a_url(tmp_path: Path) -> None:
 
 
 def test_anchor_models_are_for_the_encoder_in_memory(tmp_path: Path) -> None:
-    (tmp_path / "point_cloud.ply").write_bytes(
-        ply([("float", "x"), ("float", "f_anchor_feat_0"), ("float", "f_offset_0")], np.zeros((1, 3)))
-    )
-    for origin in (tmp_path, tmp_path / "point_cloud.ply"):
+    path = tmp_path / "point_cloud" / "iteration_7" / "point_cloud.ply"
+    path.parent.mkdir(parents=True)
+    path.write_bytes(ply([("float", "x"), ("float", "f_anchor_feat_0"), ("float", "f_offset_0")], np.zeros((1, 3))))
+    for origin in (tmp_path, path):
         refuses("input-not-gaussians", partial(find_inputs, str(origin)), "leave out --work")
 
 
