@@ -143,5 +143,5 @@ def scene_offer(origin: str, number: int, source: ByteSource) -> tuple[str, Offe
     path = f"/scenes/{number}/{quote(name or 'scene.scar')}"
     if isinstance(source, FileSource):
         source.close()
-        return path, FileOffer(Path(origin).resolve())
+        return path, FileOffer(Path(origin))
     return path, SourceOffer(source, origin)

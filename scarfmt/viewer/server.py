@@ -70,7 +70,7 @@ class ViewerServer(ThreadingHTTPServer):
         """Address of the page, with the port that was free."""
         host, port = self.server_address[:2]
         name = host.decode() if isinstance(host, bytes) else host
-        return f"http://{f'[{name}]' if ':' in name else name}:{port}/"
+        return f"http://{name}:{port}/"
 
 
 def _is_loopback(host: str | None) -> bool:

@@ -15,8 +15,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from scarfmt.container.source import BytesSource, FileSource
+from scarfmt.errors import Truncated
 from scarfmt.viewer.offers import FileOffer, Offer, PageFile, SourceOffer, page_offers, scene_offer
 from scarfmt.viewer.server import ViewerServer, accepts_gzip, parse_range, serve
+from tests.samples.codec_samples import refuses
 
 CONTENT = bytes(range(256)) * 4
 
@@ -34,6 +36,7 @@ def server(scene: Path) -> Iterator[ViewerServer]:
         "/": PageFile(b"<!doctype html>", "text/html; charset=utf-8"),
         "/page.js": PageFile(CONTENT, "text/javascript"),
         "/file": FileOffer(scene),
+        "/scenes/0/a%20%281%29.scar": FileOffer(scene),
         "/remote": SourceOffer(BytesSource(CONTENT), "https://example.org/a.scar"),
     }
     with ViewerServer(offers) as serving:
@@ -92,12 +95,17 @@ def test_ranges_and_scenes_are_never_compressed(server: ViewerServer) -> None:
 
 
 def test_head_sends_no_body(server: ViewerServer) -> None:
-    status, headers, body = ask(server, "/file", "HEAD")
-    assert (status, body, headers["Content-Length"]) == (200, b"", str(len(CONTENT)))
+    """It would be taken for the beginning of the next answer."""
+    connection = http.client.HTTPConnection(*server.server_address[:2], timeout=10)
+    for method, body in (("HEAD", b""), ("GET", CONTENT)):
+        connection.request(method, "/file")
+        reply = connection.getresponse()
+        assert (reply.status, reply.read(), reply.headers["Content-Length"]) == (200, body, str(len(CONTENT)))
+    connection.close()
 
 
 def test_a_range_beyond_the_end_is_refused_with_the_size(server: ViewerServer) -> None:
-    status, headers, _ = ask(server, "/file", Range="bytes=5000-")
+    status, headers, _ = ask(server, "/file", Range=f"bytes={len(CONTENT)}-")
     assert (status, headers["Content-Range"]) == (416, f"bytes */{len(CONTENT)}")
 
 
@@ -106,12 +114,16 @@ def test_a_file_written_anew_has_another_tag(server: ViewerServer, scene: Path) 
     _, before, _ = ask(server, "/file", Range="bytes=0-0")
     assert ask(server, "/file", If_None_Match=before["ETag"])[0] == 304
     assert ask(server, "/file", Range="bytes=0-3", If_Range=before["ETag"])[0] == 206
-    other = scene.with_name("other")
+    offer, other = FileOffer(scene), scene.with_name("other")
+    version = offer.version()
     other.write_bytes(CONTENT[::-1])
     os.replace(other, scene)
+    refuses("truncated-source", lambda: list(offer.pieces(version, 0, 4)), kind=Truncated)
     status, after, body = ask(server, "/file", Range="bytes=0-3", If_Range=before["ETag"])
     assert after["ETag"] != before["ETag"]
     assert (status, body) == (200, CONTENT[::-1])
+    os.utime(scene, ns=(0, 0))
+    assert ask(server, "/file", "HEAD")[1]["ETag"] != after["ETag"]
 
 
 def test_a_file_that_is_gone_is_not_found(server: ViewerServer, scene: Path) -> None:
@@ -119,17 +131,28 @@ def test_a_file_that_is_gone_is_not_found(server: ViewerServer, scene: Path) -> 
     assert ask(server, "/file")[0] == 404
 
 
+def test_a_file_that_fails_half_way_ends_the_connection(server: ViewerServer, monkeypatch: pytest.MonkeyPatch) -> None:
+    def fail(*_arguments: object) -> None:
+        raise Truncated("truncated-source", "gone")
+
+    monkeypatch.setattr(FileOffer, "pieces", fail)
+    with pytest.raises(http.client.IncompleteRead):
+        ask(server, "/file")
+
+
 def test_only_what_is_offered_is_sent(server: ViewerServer, scene: Path) -> None:
     """Paths are names, not places on the disk."""
     for path in ("/nothing", "/../file", quote(str(scene)), "/file/../../etc/passwd"):
         assert ask(server, path)[0] == 404
+    assert ask(server, "/scenes/0/a%20(1).scar")[0] == 200, "however a browser encodes it"
 
 
 def test_a_foreign_name_is_turned_away(server: ViewerServer) -> None:
     """A page on the web whose name resolves to 127.0.0.1 (DNS rebinding) must not read scenes."""
     port = server.server_address[1]
     assert ask(server, "/file", Host=f"attacker.example:{port}")[0] == 421
-    assert ask(server, "/file", Host=f"localhost:{port}")[0] == 200
+    for name in ("localhost", "127.9.9.9", "[::ffff:127.0.0.1]"):
+        assert ask(server, "/file", Host=f"{name}:{port}")[0] == 200
 
 
 @pytest.mark.parametrize("host", ["127.0.0.1", "127.0.0.2", "localhost"])
@@ -146,7 +169,7 @@ def test_a_host_that_is_none_is_refused_quietly(
     server: ViewerServer, capfd: pytest.CaptureFixture[str], host: str
 ) -> None:
     assert ask(server, "/file", Host=host)[0] == 421
-    assert ask(server, "//[", Host="localhost")[0] == 404
+    assert ask(server, "http://[", Host="localhost")[0] == 404
     assert capfd.readouterr().err == ""
 
 
@@ -156,6 +179,7 @@ def test_scenes_are_named_after_their_files(scene: Path) -> None:
     assert offer.version().size == len(CONTENT)
     path, offer = scene_offer("https://example.org/a/b.scar?key=1", 0, BytesSource(CONTENT))
     assert path == "/scenes/0/b.scar"
+    assert scene_offer("https://example.org/", 1, BytesSource(CONTENT))[0] == "/scenes/1/scene.scar"
     version = offer.version()
     assert b"".join(offer.pieces(version, 3, 9)) == CONTENT[3:9]
 
