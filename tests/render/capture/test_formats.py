@@ -17,8 +17,9 @@ from PIL import Image
 
 from scarfmt.errors import InputWarning, InvalidInput
 from scarfmt.render.camera import Camera
-from scarfmt.render.capture import held_out, load_cameras
+from scarfmt.render.capture import held_out, load_cameras, load_points
 from scarfmt.render.images import write_png
+from tests.formats.scene_files import ply
 from tests.samples.codec_samples import refuses
 
 from . import files
@@ -66,7 +67,7 @@ def test_the_split_is_kept_where_the_file_has_one(kind: str, tmp_path: Path) -> 
 @pytest.mark.parametrize("inner", ["", "sparse", "sparse/0", "0", "colmap/sparse/0"])
 @pytest.mark.parametrize("kind", ["colmap binary", "colmap text"])
 def test_a_sparse_model_is_found_in_its_folders(kind: str, inner: str, tmp_path: Path) -> None:
-    model = written(kind, SEVERAL, tmp_path / inner)
+    model = written(kind, SEVERAL[::-1], tmp_path / inner)
     assert_alike(load_cameras(tmp_path), SEVERAL)
     assert_alike(load_cameras(next(model.glob("images.*"))), SEVERAL)
 
@@ -77,7 +78,9 @@ def test_models_of_parts_that_are_not_read_are_named(tmp_path: Path) -> None:
     files.colmap_text(SEVERAL, tmp_path / "sparse" / "1")
     with pytest.warns(InputWarning, match=r"one of 2 models .* another: 1"):
         assert_alike(load_cameras(tmp_path), SEVERAL[:1])
-    assert_alike(load_cameras(tmp_path / "sparse" / "1"), SEVERAL)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert_alike(load_cameras(tmp_path / "sparse" / "0"), SEVERAL[:1])
 
 
 @pytest.mark.parametrize("inner", ["sparse/1", "dense/sparse", "a/b/c"])
@@ -95,7 +98,7 @@ def test_text_keeps_names_with_spaces_and_an_image_without_a_line_after_it(tmp_p
 
 @pytest.mark.parametrize("length", [0.5, 1.02, 3.0])
 def test_quaternions_of_any_length_are_rotations(length: float, tmp_path: Path) -> None:
-    (tmp_path / "cameras.txt").write_text("1 PINHOLE 640 480 500 500 320 240\n")
+    (tmp_path / "cameras.txt").write_text("1 Pinhole 640 480 500 500 320 240\n")
     half = length / 2**0.5
     (tmp_path / "images.txt").write_text(f"1 {half} 0 {half} 0 1 2 3 1 a.jpg\n\n")
     (camera,) = load_cameras(tmp_path)
@@ -112,7 +115,7 @@ def test_text_files_may_begin_with_a_byte_order_mark(tmp_path: Path) -> None:
 def test_of_a_folder_the_list_that_tells_most_is_taken(tmp_path: Path) -> None:
     files.in_json(files.transforms(SEVERAL[:1]), tmp_path / "transforms.json")
     assert len(load_cameras(tmp_path)) == 1
-    files.colmap_binary(SEVERAL[:2], tmp_path / "sparse" / "0")
+    files.colmap_binary(SEVERAL[:2], files.colmap_text(SEVERAL[:1], tmp_path / "sparse" / "0"))
     assert len(load_cameras(tmp_path)) == 2
     files.in_json(files.own(SEVERAL[:3]), tmp_path / "cameras.json")
     assert len(load_cameras(tmp_path)) == 3
@@ -155,7 +158,8 @@ def test_one_focal_length_or_angle_is_enough(
 ) -> None:
     above = {"w": 8, "h": 6, "aabb_scale": 16, "offset": [0.5, 0.5, 0.5], "scale": 0.33}
     frame = {"file_path": "a", "transform_matrix": np.eye(4).tolist(), "sharpness": 30.0}
-    content = above | (said if not in_frame else {}) | {"frames": [frame | (said if in_frame else {})]}
+    above |= dict.fromkeys(said, 0.2) if in_frame else said
+    content = above | {"frames": [frame | (said if in_frame else {})]}
     (camera,) = load_cameras(files.in_json(content, tmp_path / "transforms.json"))
     assert (camera.fx, camera.fy) == pytest.approx(focal)
 
@@ -178,17 +182,18 @@ def test_a_photo_is_found_however_its_name_is_written(name: str, tmp_path: Path)
     write_png(tmp_path / "photos" / "a.png", np.zeros((6, 8, 3), np.float32))
     frame = {"file_path": name, "transform_matrix": np.eye(4).tolist()}
     plain = "photos/a.png" if name.endswith(".png") else "photos/a"
-    content = {"camera_angle_x": 0.8, "frames": [frame], "test_filenames": [plain]}
+    content = {"camera_angle_x": 0.8, "frames": [frame], "val_filenames": [plain]}
     (camera,) = load_cameras(files.in_json(content, tmp_path / "transforms.json"))
     assert (camera.width, camera.height, camera.split) == (8, 6, "test")
 
 
 def test_images_with_one_line_each_are_all_read(tmp_path: Path) -> None:
     """COLMAP writes a line of points after each; tools without points leave out the empty line."""
-    model = files.colmap_text(SEVERAL, tmp_path)
+    cameras = [replace(camera, name=str(number)) for number, camera in enumerate(SEVERAL)]
+    model = files.colmap_text(cameras, tmp_path)
     lines = (model / "images.txt").read_text().split("\n")
     (model / "images.txt").write_text("\n".join(line for line in lines if line and line[:8] != "1.5 2.5 ") + "\n")
-    assert_alike(load_cameras(model), SEVERAL)
+    assert_alike(load_cameras(model), cameras)
 
 
 def test_a_list_shorter_than_its_header_says_is_told(tmp_path: Path) -> None:
@@ -214,6 +219,7 @@ def test_blenders_files_for_each_split_are_read_together(tmp_path: Path) -> None
     files.in_json(files.transforms(SEVERAL[:3]), tmp_path / "transforms_train.json")
     assert {camera.split for camera in load_cameras(tmp_path)} <= {"", "test"}
     files.in_json(files.transforms(SEVERAL[3:]), tmp_path / "transforms_test.json")
+    files.in_json(files.transforms(SEVERAL[:1]), tmp_path / "transforms_val.json")
     assert [camera.split for camera in load_cameras(tmp_path)] == ["train"] * 3 + ["test"]
     assert held_out(load_cameras(tmp_path))[0].name == SEVERAL[3].name
 
@@ -241,9 +247,9 @@ def test_a_principal_point_of_inrias_list_counts(tmp_path: Path) -> None:
 
 
 def test_a_last_row_may_be_rounded(tmp_path: Path) -> None:
-    content = files.transforms(SEVERAL[:1])
+    content = files.own(SEVERAL[:1])
     exact = load_cameras(files.in_json(content, tmp_path / "exact.json"))
-    content["frames"][0]["transform_matrix"][3] = [1e-7, 0, -1e-7, 0.9999999]
+    content["images"][0]["world_to_camera"][3] = [1e-7, 0, -1e-7, 0.9999999]
     assert_alike(load_cameras(files.in_json(content, tmp_path / "rounded.json")), exact)
 
 
@@ -253,11 +259,15 @@ def test_nerfstudios_own_frame_is_gone_to_where_its_file_is_there(tmp_path: Path
     applied, dataparser = (np.linalg.inv(files.camera(seed).world_to_camera) for seed in (6, 7))
     frame = {"file_path": "a", "transform_matrix": (applied @ files.opengl_pose(original)).tolist()}
     document = {"fl_x": 9, "w": 8, "h": 6, "applied_transform": applied[:3].tolist(), "frames": [frame]}
+    document |= {"applied_scale": 2.0, "ply_file_path": "eyes.ply"}
+    eye = applied[:3, :3] @ original.centre + applied[:3, 3]
+    (tmp_path / "eyes.ply").write_bytes(ply([("double", axis) for axis in "xyz"], eye[None]))
     path = files.in_json(document, tmp_path / "transforms.json")
-    files.in_json({"transform": dataparser[:3].tolist(), "scale": 0.25}, tmp_path / "dataparser_transforms.json")
+    files.in_json({"transform": dataparser[:3].tolist(), "scale": 0.5}, tmp_path / "dataparser_transforms.json")
     (camera,) = load_cameras(path)
     expected = 0.25 * (dataparser[:3, :3] @ original.centre + dataparser[:3, 3])
     np.testing.assert_allclose(camera.centre, expected, atol=1e-9)
+    np.testing.assert_allclose(load_points(path), [expected], atol=1e-9)
     turned = dataparser[:3, :3] @ original.world_to_camera[:3, :3].T
     np.testing.assert_allclose(camera.world_to_camera[:3, :3].T, turned, atol=1e-9)
 

@@ -43,7 +43,13 @@ def test_a_binary_file_cut_anywhere_is_refused(tmp_path: Path) -> None:
         refuses("input-cameras", lambda: colmap_points(tmp_path), "ends too early")
 
 
-@pytest.mark.parametrize("line", ["1 2 3", "1 a b c 1 2 3", "1 0 0 0 1 2"])
-def test_lines_that_are_no_points_are_named(tmp_path: Path, line: str) -> None:
+NO_POINT = "expected ID X Y Z .*line 2"
+
+
+@pytest.mark.parametrize(
+    ("line", "said"),
+    [("1 2 3", NO_POINT), ("1 a b c 1 2 3", NO_POINT), ("1 0 0 0 1 2", NO_POINT), ("1 0 nan 0 1 2 3 4", "finite place")],
+)
+def test_lines_that_are_no_points_are_named(tmp_path: Path, line: str, said: str) -> None:
     (tmp_path / "points3D.txt").write_text(f"# x\n{line}\n")
-    refuses("input-cameras", lambda: colmap_points(tmp_path), r"expected ID X Y Z .*line 2")
+    refuses("input-cameras", lambda: colmap_points(tmp_path), said)

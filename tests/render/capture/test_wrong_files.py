@@ -13,8 +13,10 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from scarfmt.errors import InvalidInput
+from scarfmt.render import capture
 from scarfmt.render.camera import Camera
 from scarfmt.render.capture import load_cameras
+from scarfmt.render.capture.colmap import MODELS
 from tests.samples.codec_samples import refuses
 
 from . import files
@@ -126,13 +128,14 @@ def test_a_sparse_model_cut_anywhere_is_refused(tmp_path: Path, name: str) -> No
     [
         ({"fx": 0}, r"fx is 0 and has to be above 0; export the cameras again \(images\[0\].fx\)"),
         ({"fy": float("nan")}, "fy is nan, not a finite number"),
+        ({"fy": True}, "fy is True, not a finite number"),
         ({"W": 0}, "W is 0"),
         ({"H": 1e6}, "H is 1e"),
         ({"W": 8.5}, "whole pixels"),
         ({"cx": None}, "cx is missing"),
         ({"split": "valid"}, "split is 'valid'"),
         ({"world_to_camera": (2 * np.eye(4)).tolist()}, "last row"),
-        ({"world_to_camera": np.diag([2.0, 2, 2, 1]).tolist()}, "scales or shears"),
+        ({"world_to_camera": np.diag([1.01, 1, 1, 1]).tolist()}, "scales or shears"),
         ({"world_to_camera": np.diag([1.0, 1, -1, 1]).tolist()}, "mirrors"),
         ({"world_to_camera": np.zeros((4, 4)).tolist()}, "last row"),
         ({"world_to_camera": [[1, 2], [3, 4]]}, "4 x 4 finite numbers"),
@@ -156,7 +159,7 @@ FRAME: dict[str, Any] = {"transform_matrix": np.eye(4).tolist(), "w": 8, "h": 8}
         ({"camera_model": "EQUIRECTANGULAR"}, "cut the panoramas"),
         ({"test_filenames": [1]}, "test_filenames has to be a list"),
         ({"frames": [FRAME]}, "no focal length"),
-        ({"frames": [FRAME | {"camera_angle_x": 60}]}, "radians"),
+        ({"frames": [FRAME | {"camera_angle_x": 3.2}]}, "radians"),
         ({"frames": [FRAME | {"camera_angle_x": -1}]}, "above 0"),
     ],
 )
@@ -169,14 +172,23 @@ def test_fisheye_lenses_of_colmap_are_refused_with_what_to_do(tmp_path: Path) ->
     files.colmap_binary([CAMERA], tmp_path)
     (tmp_path / "cameras.bin").write_bytes(struct.pack("<QiiQQ8d", 1, 0, 5, 8, 6, *(1.0,) * 8))
     assert "image_undistorter" in refused(tmp_path)
-    (tmp_path / "cameras.bin").write_bytes(struct.pack("<QiiQQ8d", 1, 0, 99, 8, 6, *(1.0,) * 8))
-    assert "model 99 is not known" in refused(tmp_path)
+    (tmp_path / "cameras.bin").write_bytes(struct.pack("<QiiQQ8d", 1, 0, len(MODELS), 8, 6, *(1.0,) * 8))
+    assert f"model {len(MODELS)} is not known" in refused(tmp_path)
 
 
 def test_a_million_declared_cameras_cost_nothing(tmp_path: Path) -> None:
     files.colmap_binary([CAMERA], tmp_path)
     (tmp_path / "images.bin").write_bytes(struct.pack("<Q", 1 << 60))
     assert "declares" in refused(tmp_path)
+
+
+@pytest.mark.parametrize(("limit", "said"), [("MAX_CAMERAS", "lists 1 cameras"), ("MAX_LISTING_BYTES", "far smaller")])
+@pytest.mark.parametrize("make", [files.own, files.inria, files.transforms])
+def test_lists_beyond_a_limit_are_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, limit: str, said: str, make: Any
+) -> None:
+    monkeypatch.setattr(capture, limit, 0)
+    refuses("input-cameras", lambda: load_cameras(files.in_json(make([CAMERA]), tmp_path / "a.json")), said)
 
 
 @pytest.mark.parametrize(
