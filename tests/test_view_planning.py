@@ -110,7 +110,8 @@ def test_the_picture_has_four_sides_and_a_front() -> None:
         (0, -1.01 * edge, 1, 0), (1.99 * edge, 0, 1, 1), (2.01 * edge, 0, 1, 0), (-1.99 * edge, 0, 1, 1),
         (-2.01 * edge, 0, 1, 0),
     ):  # fmt: skip
-        assert share_in_picture(point(x, y, z), CAMERA).tolist() == [seen], (x, y, z)
+        at = point(x, y, z)
+        assert share_in_picture(at, CAMERA)[0] == meets_picture(at, CAMERA)[0] == seen, (x, y, z)
 
 
 def test_a_box_is_in_it_by_its_part() -> None:
@@ -125,8 +126,8 @@ def test_a_box_is_in_it_by_its_part() -> None:
 
 def test_a_moving_camera_is_looked_from_where_it_will_be() -> None:
     moving = replace(CAMERA, velocity=np.array([0.0, 8.0, 0.0]))
-    assert share_in_picture(point(0, 5, 2), moving)[0] == 1
-    assert share_in_picture(point(0, 5, 2), CAMERA)[0] == 0
+    for eye, seen in ((moving, 1), (CAMERA, 0)):
+        assert share_in_picture(point(0, 5, 2), eye)[0] == meets_picture(point(0, 5, 2), eye)[0] == seen
 
 
 def test_only_what_is_wholly_outside_does_not_meet_the_picture() -> None:

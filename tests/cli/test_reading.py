@@ -56,10 +56,15 @@ def test_inspect_writes_the_thumbnail(explicit_scar: Path, tmp_path: Path) -> No
     path, picture = with_thumbnail(tmp_path / "with.scar", b"a picture"), tmp_path / "picture.webp"
     assert run("inspect", path, "--thumbnail", picture).exit_code == 0
     assert picture.read_bytes() == b"a picture"
+    assert "9 bytes" in run("inspect", path, "--metadata").stdout
+    cut = path.read_bytes().partition(b"a picture")[0]
+    assert run("inspect", "-", "--thumbnail", tmp_path / "cut.webp", input=cut).exit_code == 2
     assert run("inspect", path, "--thumbnail", picture).exit_code == 2
     assert run("inspect", explicit_scar, "--thumbnail", picture, "--force").exit_code == 2
     assert picture.read_bytes() == b"a picture"
     assert run("inspect", path, "--thumbnail", tmp_path / "picture.png").exit_code == 1
+    largest = with_thumbnail(tmp_path / "largest.scar", bytes(65_535))
+    assert run("inspect", largest, "--thumbnail", tmp_path / "largest.webp").exit_code == 0
     large = with_thumbnail(tmp_path / "large.scar", bytes(65_536))
     assert "entry-length" in run("inspect", large, "--thumbnail", picture, "--force").stderr
     assert "entry-length" in run("validate", large).stderr

@@ -8,6 +8,7 @@ import os
 import socket
 from dataclasses import replace
 
+import numpy as np
 import pytest
 from scarfmt_conformance.archive import expectation, names, read
 
@@ -16,7 +17,7 @@ from scarfmt.coding.reader import SceneReader
 from scarfmt.coding.writer import write_scene
 from scarfmt.container.file import Block, Container, write_container
 from scarfmt.container.header import header_length
-from scarfmt.container.schema import BlockKind
+from scarfmt.container.schema import BlockKind, Profile
 from scarfmt.container.source import ByteSource, BytesSource
 from scarfmt.errors import LimitExceeded, ScarError, Truncated
 from scarfmt.limits import Limits
@@ -63,13 +64,18 @@ def test_the_report_is_json_and_adds_up() -> None:
     assert report["profile"] == "explicit"
     assert (report["coordinate_frame"], report["colour_space"]) == ("rdf", "srgb")
     assert [(layer["anchors"], layer["gaussians"]) for layer in report["layers"]] == COUNTS
-    assert [layer["new_anchors"] for layer in report["layers"]] == [10, 15, 75]
+    new = [(layer["new_anchors"], layer["new_gaussians"]) for layer in report["layers"]]
+    assert new == [tuple(step) for step in np.diff(COUNTS, axis=0, prepend=0).tolist()]
     assert report["front_bytes"] + sum(layer["bytes"] for layer in report["layers"]) == len(data)
     assert report["layers"][-1]["end_offset"] == len(data) == report["file_bytes"]
     for layer in report["layers"]:
         assert sum(layer["streams"].values()) == layer["bytes"]
+        assert layer["bytes_per_anchor"] == layer["end_offset"] / layer["anchors"]
+        assert all(name in format_text(report) for name, size in layer["streams"].items() if size)
     assert report["bytes_per_anchor"] == len(data) / 100
     assert "metadata" not in report
+    anchors = inspect(BytesSource(write_scene(random_scene(1, Profile.ANCHOR))))
+    assert f"{anchors['anchors']:,} anchors of {anchors['slots']} slots" in format_text(anchors)
 
 
 def test_a_cut_file_is_described_with_what_arrived() -> None:

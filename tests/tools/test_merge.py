@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 from dataclasses import replace
+from functools import cache, partial
 
 import numpy as np
 from hypothesis import given, settings
@@ -13,16 +14,17 @@ from conformance.surgery.parts import flip_bits
 from fuzz.testing.scenes import random_scene
 from scarfmt.coding.writer import write_scene
 from scarfmt.container.file import Container
-from scarfmt.container.schema import Profile
+from scarfmt.container.schema import BlockKind, Profile
 from scarfmt.container.source import BytesSource
 from scarfmt.errors import Malformed
 from scarfmt.tools.merge import merge_to
 from scarfmt.tools.split import even_parts, split_to
 from scarfmt.tools.truncate import truncate
-from tests.blocks.test_streaming import random_boxes
+from tests.blocks.test_streaming import VIEW, random_boxes
 from tests.samples.codec_samples import refuses
 
 
+@cache
 def written(profile: Profile, streaming: bool = False) -> bytes:
     scene = replace(random_scene(3, profile, tiles=8), metadata={"title": "whole"})
     return write_scene(replace(scene, streaming=random_boxes(len(scene.tiles)) if streaming else None))
@@ -60,10 +62,6 @@ def test_what_was_split_is_merged_to_the_same_bytes(profile: Profile, streaming:
     assert merge(data.draw(st.permutations(parts))) == whole
 
 
-def test_one_file_is_merged_to_itself() -> None:
-    assert merge([FILES[Profile.EXPLICIT]]) == FILES[Profile.EXPLICIT]
-
-
 def test_other_models_are_refused() -> None:
     """The indices and tables of the other file would mean something else."""
     scene = random_scene(3, Profile.EXPLICIT, tiles=8)
@@ -87,8 +85,11 @@ def test_fewer_layers_are_refused() -> None:
 def test_annotations_that_differ_are_left_out() -> None:
     """Such annotations would be true of only a part of the joined file."""
     scene = random_scene(3, Profile.EXPLICIT, tiles=8)
-    first, second, plain = (halves(write_scene(replace(scene, metadata=said))) for said in ({"a": 1}, {"a": 2}, {}))
-    assert merge([first[0], second[1]]) == merge(plain)
+    told = [{"metadata": said} for said in ({"a": 1}, {"a": 2}, {})]
+    views = [{"streaming": random_boxes(8, view)} for view in (VIEW, replace(VIEW, fov=1.0), None)]
+    for changes in (told, [*told[1:], {}], views):
+        first, second, plain = (halves(write_scene(replace(scene, **change))) for change in changes)
+        assert merge([first[0], second[1]]) == merge(plain)
 
 
 def test_boxes_are_left_out_where_not_all_files_have_them() -> None:
@@ -99,4 +100,7 @@ def test_boxes_are_left_out_where_not_all_files_have_them() -> None:
 
 def test_damage_is_not_copied() -> None:
     first, second = halves(FILES[Profile.EXPLICIT])
-    refuses("crc-mismatch", lambda: merge([first, flip_bits(second, -2)]), kind=Malformed)
+    models = Container(BytesSource(second)).find(BlockKind.LAYER, 1)
+    assert models is not None
+    for place in (-2, models.offset):
+        refuses("crc-mismatch", partial(merge, [first, flip_bits(second, place)]), kind=Malformed)

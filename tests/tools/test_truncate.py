@@ -74,7 +74,7 @@ def test_a_partial_download_becomes_a_whole_file() -> None:
     data = sample_file()
     end = Container(BytesSource(data)).header.layers[1].end_offset
     assert truncate(BytesSource(data[: end + 3]), 2) == sample_file(2)
-    refuses("truncated-block", lambda: truncate(BytesSource(data[: end - 1]), 2), kind=Truncated)
+    refuses("truncated-block", lambda: truncate(BytesSource(data[: end - 1]), 2), "only 1 arrived", kind=Truncated)
 
 
 def test_large_blocks_are_copied_in_pieces(monkeypatch: pytest.MonkeyPatch) -> None:
