@@ -110,9 +110,8 @@ def test_shown_metadata_cannot_steer_a_terminal() -> None:
 
 def test_large_metadata_is_refused_unread() -> None:
     """JSON grows when parsed; the cap is on the block."""
-    with pytest.raises(LimitExceeded) as caught:
-        inspect(BytesSource(sample_file()), metadata=True, limits=Limits(metadata_bytes=18))
-    assert caught.value.refusal == "limit-metadata"
+    source, limits = BytesSource(sample_file()), Limits(metadata_bytes=18)
+    refuses("limit-metadata", lambda: inspect(source, metadata=True, limits=limits), kind=LimitExceeded)
 
 
 def test_an_empty_scene_has_no_bytes_per_anchor() -> None:

@@ -33,13 +33,6 @@ def test_truncating_equals_writing_fewer_layers(arguments: tuple, data: st.DataO
     assert truncate(BytesSource(whole), layers, limits=FORMAT_LIMITS) == fewer
 
 
-def test_truncating_in_steps_equals_truncating_at_once() -> None:
-    """The result depends on the layers kept only."""
-    data = sample_file()
-    assert truncate(BytesSource(truncate(BytesSource(data), 2)), 1) == truncate(BytesSource(data), 1) == sample_file(1)
-    assert truncate(BytesSource(data), 3) == data
-
-
 def test_unknown_blocks_are_copied_only_when_that_is_safe() -> None:
     """An editor cannot know what an unsafe annotation says about the dropped layers."""
     safe = Block(200, 1, b"safe", flags=BlockFlag.SAFE_TO_COPY)

@@ -17,22 +17,17 @@ RANDOM = np.random.default_rng(0)
 POSITIONS, COLOURS = RANDOM.normal(size=(9, 3)), RANDOM.integers(0, 256, (9, 3), dtype=np.uint8)
 
 
-def test_colmaps_two_forms_hold_the_same(tmp_path: Path) -> None:
+def test_colmaps_forms_hold_the_same(tmp_path: Path) -> None:
+    """INRIA's trainer leaves a PLY, and people delete what it was made of."""
     assert colmap_points(tmp_path) is None
-    (tmp_path / "points3D.txt").write_text(files.colmap_points_text(POSITIONS, COLOURS))
-    (tmp_path / "other").mkdir()
-    (tmp_path / "other" / "points3D.bin").write_bytes(files.colmap_points_binary(POSITIONS, COLOURS))
-    for folder in (tmp_path, tmp_path / "other"):
-        found = colmap_points(folder)
-        np.testing.assert_array_equal(found, POSITIONS)
-
-
-def test_points_beside_a_model_may_be_a_ply(tmp_path: Path) -> None:
-    """INRIA's trainer leaves them, and people delete what it was made of."""
-    one = ply([("float", axis) for axis in "xyz"], np.array([[1.0, 2, 3]]), form="ascii")
-    (tmp_path / "points3D.ply").write_bytes(one)
-    found = colmap_points(tmp_path)
-    assert found.tolist() == [[1, 2, 3]]
+    forms = {
+        "ply": ply([("double", axis) for axis in "xyz"], POSITIONS),
+        "txt": files.colmap_points_text(POSITIONS, COLOURS).encode(),
+        "bin": files.colmap_points_binary(POSITIONS, COLOURS),
+    }
+    for ending, data in forms.items():
+        (tmp_path / f"points3D.{ending}").write_bytes(data)
+        np.testing.assert_array_equal(colmap_points(tmp_path), POSITIONS)
 
 
 def test_a_binary_file_cut_anywhere_is_refused(tmp_path: Path) -> None:
@@ -48,7 +43,7 @@ NO_POINT = "expected ID X Y Z .*line 2"
 
 @pytest.mark.parametrize(
     ("line", "said"),
-    [("1 2 3", NO_POINT), ("1 a b c 1 2 3", NO_POINT), ("1 0 0 0 1 2", NO_POINT), ("1 0 nan 0 1 2 3 4", "finite place")],
+    [("1 2 3", NO_POINT), ("1 a b c 1 2 3", NO_POINT), ("1 0 0 0 1 2", NO_POINT), ("1 0 nan 0 1 2 3 4", "not at a")],
 )
 def test_lines_that_are_no_points_are_named(tmp_path: Path, line: str, said: str) -> None:
     (tmp_path / "points3D.txt").write_text(f"# x\n{line}\n")
