@@ -1,7 +1,7 @@
 """Frames of a video to learn from: of each stretch of time the sharpest, as photos in a folder of the run.
 
-OpenCV (extra ``video``) decodes. It turns frames as the video says, and makes 8-bit RGB of what has more bits; tones of
-HDR stay as they are.
+OpenCV (extra ``video``) decodes. It turns frames as the video says, and makes 8-bit RGB of what has more bits. Since
+4.13 it turns HDR into SDR, and cuts what is brighter than paper white.
 """
 
 from __future__ import annotations
@@ -58,7 +58,7 @@ def pick_frames(path: Path, workspace: Path | None, report: Report) -> Path:
         OSError: the video cannot be read, or the disk is full.
 
     Warns:
-        LossWarning: the video is cut short.
+        LossWarning: the video is cut short, or may be HDR.
     """
     place = workplace(path, "to pick frames of it", workspace, "cv2", "video")
     workplace(path, "to find poses of its frames", workspace)
@@ -90,6 +90,7 @@ def _sharp_frames(path: Path, report: Report) -> Iterator[Frame]:
     video = cv2.VideoCapture(str(path.absolute()), cv2.CAP_FFMPEG)
     rate, count = video.get(cv2.CAP_PROP_FPS), video.get(cv2.CAP_PROP_FRAME_COUNT)
     length = count / rate if rate > 0 and count > 0 else 0.0
+    _warn_of_bits(path, int(video.get(cv2.CAP_PROP_CODEC_PIXEL_FORMAT)))
     last = -1.0
 
     def frames() -> Iterator[Frame]:
@@ -106,6 +107,17 @@ def _sharp_frames(path: Path, report: Report) -> Iterator[Frame]:
         raise wrong_capture(path, "has no frame that can be read; copy it again, or save it as MP4 with H.264")
     if last < _WHOLE * length - window:
         message = f"{path}: ends after {last:.0f} s of the {length:.0f} s it states: it is damaged or cut short"
+        warnings.warn(message, LossWarning, stacklevel=2)
+
+
+def _warn_of_bits(path: Path, pixel_format: int) -> None:
+    """Warn of a video of more than 8 bits: OpenCV does not tell whether it is HDR.
+
+    Args:
+        pixel_format: FourCC; FFmpeg's of planes of more bits end with their number, others with a letter or a digit.
+    """
+    if 8 < (bits := pixel_format >> 24) <= 16:
+        message = f"{path}: has {bits} bits a colour: if it is HDR, its brightest lights are cut; export it as SDR"
         warnings.warn(message, LossWarning, stacklevel=2)
 
 

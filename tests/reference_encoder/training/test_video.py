@@ -116,6 +116,21 @@ def test_a_video_that_is_cut_short_is_used_with_a_warning(clip: Path) -> None:
         assert FRAMES / 2 < len(pick(path)) < FRAMES * 0.7
 
 
+def test_a_video_of_more_than_8_bits_is_used_with_a_warning(clip: Path, recwarn: pytest.WarningsRecorder) -> None:
+    """It may be HDR, of which OpenCV cuts the lights and says nothing."""
+    pick(clip)
+    assert not recwarn.list
+    cv2, path = video.opencv(), clip.parent / "deep" / "clip.mkv"
+    path.parent.mkdir()
+    depth = [cv2.VIDEOWRITER_PROP_DEPTH, cv2.CV_16U, cv2.VIDEOWRITER_PROP_IS_COLOR, 0]
+    out = cv2.VideoWriter(str(path), cv2.CAP_FFMPEG, cv2.VideoWriter.fourcc(*"FFV1"), RATE, (64, 48), depth)
+    for index in range(FRAMES):
+        out.write(257 * picture(index)[..., 0].astype(np.uint16))
+    out.release()
+    with pytest.warns(LossWarning, match="has 16 bits a colour: if it is HDR"):
+        assert len(pick(path)) == FRAMES
+
+
 def test_poses_of_frames_are_looked_for_as_of_photos(clip: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """If that fails, frames stay for the next time."""
 
