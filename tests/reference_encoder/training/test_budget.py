@@ -43,6 +43,15 @@ def test_what_is_kept_for_the_end_follows_what_coding_and_drawing_take(clock: Cl
     _measure(found, clock, coding=8.0, picture=1.0)
     assert found.estimate_end() > quick + 20
     assert found.done(101) >= 1
+    assert found.plan(101) == 101
+    _measure(found, clock, index=0.01)
+    before, found.indexed = found.estimate_end(), True
+    assert found.estimate_end() > before + 10
+    _measure(found, clock, coding=1e4)
+    assert found.estimate_end() == 300, "never more than half of the time"
+    long = Budget(TrainOptions(minutes=600), 0.0)
+    _measure(long, clock, coding=1.0)
+    assert long.estimate_end() < 200
 
 
 def test_a_run_never_goes_back(clock: Clock) -> None:
@@ -62,8 +71,9 @@ def test_reading_counts_but_one_iteration_is_made(clock: Clock) -> None:
     clock.now = 4.0
     found.begin()
     clock.now = 5.0
-    assert found.spent == 25
-    assert found.done(1) == pytest.approx(1 / (60 - 24 - found.estimate_end()))
+    found.before = 1.0
+    assert found.spent == 26
+    assert found.done(1) == pytest.approx(2 / (60 - 24 - found.estimate_end()))
     found = Budget(TrainOptions(minutes=1), 70.0)
     assert found.spent == 70
     clock.now = 6.0
@@ -73,10 +83,10 @@ def test_reading_counts_but_one_iteration_is_made(clock: Clock) -> None:
 
 def test_predictors_end_before_the_time_does(clock: Clock) -> None:
     """What has to follow them, coding and pictures, still fits."""
-    found = Budget(TrainOptions(minutes=1), 0.0)
+    found = Budget(TrainOptions(minutes=1), 30.0)
     _measure(found, clock, coding=2.0)
     assert found.may_train_predictors()
-    clock.now = 57.0
+    clock.now = 27.0
     assert not found.may_train_predictors()
 
 
@@ -94,9 +104,9 @@ def test_looks_take_a_small_part_of_the_time(clock: Clock) -> None:
     assert not found.check_due(8, 500)
     clock.now += 60.0
     assert found.check_due(9, 500)
+    assert found.looks(3, 40) == 40
     _measure(found, clock, picture=1.0)
-    assert found.looks(3, 40) == 10
-    assert found.looks(3, 5) == 5
+    assert [found.looks(3, 40), found.looks(3, 5), found.looks(1000, 40)] == [10, 5, 2]
 
 
 def test_time_decides_nothing_of_a_run_by_iterations(clock: Clock) -> None:
