@@ -101,7 +101,8 @@ WRONG = {
     "render FILE OUT": ["--layers some"],
     "decode FILE": ["out.obj", "- --json", "- --format gltf", "out.spz --spz-sh-bits 0 4"],
     "decode FILE out.ply": ["--box 1,2,3", "--tiles one", "--layers 9", "--bake-steps 3", "--cameras FILE"],
-    "decode": ["FILE out.ply --tiles 0,0", "FILE out.ply --spz-version 3", "FILE out.glb --attributes positions"],
+    "decode": ["FILE out.ply --tiles 0,0", "FILE out.ply --spz-version 3", "FILE out.glb --attributes positions",
+               "FILE a.npz --attributes positions --budget 9"],
     "convert FILE": ["out.npz", "out.ply --from scar"],
 }
 

@@ -48,6 +48,7 @@ def test_pipes_carry_a_ply(encoded: Path, tmp_path: Path) -> None:
         (("--tiles", "0,2"), {"tiles": [0, 2]}),
         (("--box", "-1.5,0,0,0,2,5"), {"box": ((-1.5, 0, 0), (0, 2, 5))}),
         (("--threads", 2), {}),
+        (("--camera", "1e5,0,0", "--target", "2e5,0,0", "--outside"), {"layers": 1}),
     ],
 )
 def test_parts(explicit_scar: Path, tmp_path: Path, options: tuple[object, ...], arguments: dict[str, Any]) -> None:
