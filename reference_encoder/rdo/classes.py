@@ -34,8 +34,6 @@ def find_class_bounds(importance: F64, lambda_: float, bits: float, limit: int) 
         least = float(np.nextafter(importance.max(), -np.inf))
         sent = importance > least
     bounds = ClassBounds(least, float(importance[sent].min()), 1, (0,))
-    if bounds.floor <= 0:
-        return bounds
     count = int(min(limit, MAX_CLASSES, np.floor(bounds.ranks(importance[sent]).max()) + 1))
     bounds = replace(bounds, ranked=count, used=tuple(range(count)))
     # Empty classes would waste rows of the layer table.

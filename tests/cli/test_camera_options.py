@@ -31,7 +31,8 @@ def test_options_win_over_the_file_and_that_over_a_view_from_outside(
     values: dict[str, object], boxes: tuple[np.ndarray, np.ndarray], view: View | None, numbers: tuple[float, ...]
 ) -> None:
     found = camera_of(values, boxes, view)
-    assert [*found.position, *found.forward, *found.up, found.fov_y, found.width, found.height] == pytest.approx(numbers)
+    lens = found.fov_y, found.width, found.height
+    assert [*found.position, *found.forward, *found.up, *lens] == pytest.approx(numbers)
 
 
 @pytest.mark.parametrize("target", [(1, 2, 3), (1, 2, 9)])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import json
 import re
 import sys
@@ -213,6 +214,7 @@ def failing(error: BaseException) -> click.Group:
     [
         (MemoryError(), 1, "out-of-memory"),
         (PermissionError(13, "Permission denied", "x.ply"), 1, "os-error: [Errno 13] Permission denied: 'x.ply'"),
+        (OSError(errno.ENOSPC, "No space left"), 1, "os-full: [Errno"),
         (ModuleNotFoundError("No module", name="torch.nn"), 1, "pip install 'scarfmt[train]'"),
         (ModuleNotFoundError("No module", name="PIL"), 1, "pip install 'scarfmt[render]'"),
         (InvalidInput("input-frame", "which way is up?"), 2, "input-frame: which way is up?"),

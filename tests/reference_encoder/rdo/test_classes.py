@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from reference_encoder.rdo.classes import Classes, classify, rank_by_coverage, rank_with_colour
+from reference_encoder.rdo.classes import Classes, classify, measure_colour_shift, rank_by_coverage, rank_with_colour
 from reference_encoder.tuning import NEIGHBOURS
 
 
@@ -76,5 +76,7 @@ def test_importance_with_colour_ranks_between_both_and_drops_the_same() -> None:
     np.testing.assert_allclose(ranked[kept] / ranked[3], by_mean / by_mean[2])
     assert np.log(ranked[kept]).mean() == pytest.approx(np.log(absence[kept]).mean())
     assert ranked[2] == absence[2]
+    shift = measure_colour_shift(absence, colour, 1e-3)
+    np.testing.assert_allclose(rank_with_colour(absence[1:], colour[1:], 0.5, 1e-3, shift), ranked[1:])
     unseen = rank_with_colour(absence, np.array([1.0, 1.0, 1.0, 0.0]), 0.5, 1e-3)
     assert (unseen > 1e-3).tolist() == (absence > 1e-3).tolist()

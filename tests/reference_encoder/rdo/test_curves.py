@@ -3,11 +3,20 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from reference_encoder.rdo.curves import RdCurve, StepChoices, align_steps, entropy_bits, measure_curve
-from reference_encoder.tuning import COARSEST_COLOUR, FINEST_STEP
+from reference_encoder.rdo import curves
+from reference_encoder.rdo.curves import (
+    RdCurve,
+    StepChoices,
+    align_steps,
+    entropy_bits,
+    measure_curve,
+    predict_lambda,
+)
+from reference_encoder.tuning import COARSEST_COLOUR, FINEST_STEP, LAMBDA_QUALITY_DB, LAMBDA_SLOPE
 from scarfmt.arrays import F64
 from scarfmt.container.schema import Stream
 
@@ -60,6 +69,33 @@ def test_parts_of_a_class_cost_and_err_as_the_whole() -> None:
     parts = curve.split((1.0, 0.25))
     np.testing.assert_allclose(parts.bits, np.array([1, 0.25, 0.75, 1])[:, None] * curve.bits[[0, 1, 1, 2]])
     np.testing.assert_allclose(parts.error.sum(axis=0), curve.error.sum(axis=0))
+
+
+def curve_of(values: F64, classes: list[int], repeat: float = 1.0) -> RdCurve:
+    """The curve of logarithms of unit weight."""
+    of, step = np.repeat(np.arange(len(classes)), classes), (1.0,) * values.shape[1]
+    return measure_curve(Stream.SCALE, values, step, np.ones(values.shape), of, len(classes), repeat)
+
+
+def test_a_sample_stands_for_its_class(monkeypatch: pytest.MonkeyPatch) -> None:
+    values = np.random.default_rng(3).normal(size=(2200, 1))
+    whole, twice = (curve_of(values, [2000, 200], repeat) for repeat in (1.0, 2.0))
+    np.testing.assert_allclose(twice.error, 2 * whole.error)
+    monkeypatch.setattr(curves, "PLANNED_ANCHORS", 500)
+    np.testing.assert_allclose(curve_of(values, [2000, 200]).error, whole.error, rtol=0.2)
+
+
+def test_too_long_errs_more_than_too_short_and_a_component_tells_of_the_next() -> None:
+    (long, _), (short, _) = (curve_of(np.full((9, 1), value), [9]).error[:, 1:3].T for value in (0.6, 0.4))
+    assert long > 1.4 * short
+    values = np.random.default_rng(3).normal(size=(4000, 1)) * 3
+    assert curve_of(np.tile(values, 2), [4000]).bits[0, 1] < 1.2 * curve_of(values, [4000]).bits[0, 1]
+
+
+def test_lambda_falls_with_quality_and_count() -> None:
+    lambda_ = predict_lambda(LAMBDA_QUALITY_DB, 1000, 20.0)
+    assert lambda_ == pytest.approx(1e-5)
+    assert predict_lambda(LAMBDA_QUALITY_DB + 10 * LAMBDA_SLOPE, 1000, 20.0) == pytest.approx(1e-6)
 
 
 def test_entropy_matches_counts() -> None:

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from reference_encoder.rdo.latent import fit_latent
+from reference_encoder.tuning import MAX_DIMENSIONS
 
 
 def _vectors(count: int = 500, width: int = 9, rank: int = 3, seed: int = 0) -> np.ndarray:
@@ -46,6 +47,13 @@ def test_a_metric_makes_latent_distance_the_metrics_distance() -> None:
     change = latent.decoder.apply(moved, np.float64) - latent.decoder.apply(latent.values, np.float64)
     expected = np.einsum("ni,ij,nj->n", change, metric, change)
     np.testing.assert_allclose(expected, latent.weight * 14.0, rtol=5e-3)
+    flat = fit_latent(x, np.ones(len(x)), 1e-3, np.diag([1.0] * 3 + [0.0] * 6))
+    assert np.isfinite(flat.decoder.apply(flat.values)).all()
+
+
+def test_there_are_no_more_dimensions_than_a_file_holds() -> None:
+    x = np.random.default_rng(0).normal(size=(99, MAX_DIMENSIONS + 1)).astype(np.float32)
+    assert fit_latent(x, np.ones(len(x)), 0.0).values.shape == (99, MAX_DIMENSIONS)
 
 
 @pytest.mark.parametrize(

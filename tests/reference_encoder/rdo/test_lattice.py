@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from reference_encoder.rdo.lattice import Placement, check_crowd, cut_cubes, find_far, place
 from reference_encoder.tuning import LARGE_SCENE, LARGE_SCENE_TILE_ANCHORS, TILE_ANCHORS
 from scarfmt.container.morton import deinterleave
-from scarfmt.limits import MAX_LOCAL_BITS
+from scarfmt.limits import MAX_LOCAL_BITS, MAX_TILE_DEPTH
 from tests.samples.codec_samples import refuses
 
 
@@ -75,6 +75,9 @@ def test_tiles_are_as_small_as_asked_for_and_cells_are_still_right() -> None:
         assert np.abs(rebuilt(placement) - positions).max() <= 1e-9
         counts.append(len(sizes))
     assert counts[0] > counts[1] > counts[2] == 1
+    coarse = place(positions, wanted, 100, lattice_bits=MAX_TILE_DEPTH)
+    assert np.abs(coarse.residual).max() <= 0.5
+    assert np.abs(rebuilt(coarse) - positions).max() <= 1e-9
 
 
 @settings(max_examples=100)
@@ -94,6 +97,10 @@ def test_cubes_are_the_largest_that_hold_few_enough(codes: list[int], most: int)
     ends = [(prefix + 1) << 3 * (4 - depth) for depth, prefix in zip(depths, prefixes, strict=True)]
     starts = [prefix << 3 * (4 - depth) for depth, prefix in zip(depths, prefixes, strict=True)]
     assert all(end <= start for end, start in zip(ends, starts[1:], strict=False))
+
+
+def test_a_cube_may_end_where_its_range_does() -> None:
+    assert cut_cubes(np.arange(8, dtype=np.uint64), 4, 100, (0, 8**3))[0].tolist() == [1]
 
 
 def test_duplicates_beyond_a_tile_do_not_loop() -> None:
@@ -122,7 +129,9 @@ def test_what_lies_beyond_all_reach_of_the_rest_is_found() -> None:
     assert len(find_far(scene)) == 0
     scene[:2500, 0] += 1e30
     assert len(find_far(scene)) == 0
-    assert len(find_far(np.zeros((5, 3)))) == 0
+    one_place = np.zeros((5000, 3))
+    one_place[7] = 1
+    assert len(find_far(one_place)) == 0
 
 
 def test_more_at_one_place_than_a_file_holds_are_refused() -> None:

@@ -19,6 +19,9 @@ def test_classes_and_components_do_not_see_each_other() -> None:
     scaled, weight, classes = _case(5, 400)
     chosen = round_values(scaled, weight, classes, 0.2)
     assert not np.array_equal(chosen, np.rint(scaled))
+    units = 2.0 ** np.arange(12).reshape(4, 3)
+    of = units[classes]
+    assert np.array_equal(round_values(scaled * of, weight / of**2, classes, 0.2, units), chosen)
     for klass in range(4):
         here = classes == klass
         alone = round_values(scaled[here][:, 1:2], weight[here][:, 1:2], np.zeros(here.sum(), np.int64), 0.2)
