@@ -17,8 +17,8 @@ from reference_encoder.importance.view_sampling import (
     sample_views,
     views_of_kind,
 )
-from reference_encoder.judge.quality import Judge, Quality, cap_db, draw_gaussians
-from reference_encoder.options import EFFORTS, EncodeOptions
+from reference_encoder.judge.quality import Judge, Quality, cap_db, draw_gaussians, shows_something
+from reference_encoder.options import EFFORTS, MIN_QUALITY, EncodeOptions
 from reference_encoder.tuning import JUDGED_SHARES, LEAST_JUDGED_VIEWS
 from scarfmt.render.camera import Camera, look_at, orbit_cameras
 from scarfmt.render.viewpoints import KINDS, Upright, resolve_frame
@@ -133,6 +133,7 @@ def test_views_of_next_to_nothing_do_not_count(scene: GaussianScene) -> None:
     assert draw_gaussians(scene)(far).any()
     assert len(Judge.of(scene, draw_gaussians, _outside(near, far)).quality(scene)) == 1
     assert len(Judge.of(scene, draw_gaussians, _outside(far)).quality(scene)) == 1
+    assert shows_something(np.tile(np.float32([0, 0, 1]), (8, 8, 1))), "blue is something"
 
 
 @pytest.mark.parametrize(("low", "lacking"), [(40.0, 0.0), (39.0, 1.0), (30.0, 1.5)])
@@ -160,6 +161,8 @@ def test_layers_are_looked_at_from_fewer_of_the_judging_views(scene: GaussianSce
     assert {kind: len(pairs) for kind, pairs in few.seen.items()} == dict.fromkeys(KINDS, 4)
     assert all(id(pair) in set(map(id, judge.seen[kind])) for kind, pairs in few.seen.items() for pair in pairs)
     assert few.quality(scene).mean_db == pytest.approx(35)
+    counts = [len(pairs) for pairs in judge.seen.values()]
+    assert all(len(pairs) >= min(counts) - 1 for pairs in judge.thin(min(counts) - 1, 35.0).seen.values())
 
 
 def test_what_a_better_5th_percentile_costs_is_said() -> None:
@@ -168,12 +171,16 @@ def test_what_a_better_5th_percentile_costs_is_said() -> None:
     (said,) = found.shortfalls(45)
     assert "--worst 39" in said
     assert "84 %" in said
-    assert Quality({"orbit": np.full(20, 45.0)}, {"orbit": 1.0}).shortfalls(45) == []
+    poor = Quality({"orbit": np.full(20, 1.0)}, {"orbit": 1.0})
+    assert f"--worst {MIN_QUALITY:g} raises" in poor.shortfalls(MIN_QUALITY)[1]
+    for low in (46.0, 38.8):
+        assert Quality({"orbit": np.append(np.full(19, 46.0), low)}, {"orbit": 1.0}).shortfalls(45) == []
 
 
 @pytest.mark.parametrize(("kind", "place"), [(GIVEN, "near the cameras"), (BESIDE, "beside the cameras")])
 def test_the_verdict_names_the_place_of_the_worst_view(kind: str, place: str) -> None:
-    found = Quality({"orbit": np.array([40.0]), kind: np.array([30.0])}, {"orbit": 0.5, kind: 0.5})
+    found = Quality({"orbit": np.array([40.0]), kind: np.array([30.0])}, {"orbit": 0.956, kind: 0.044})
+    assert "from 95 % of places" in found.verdict()
     assert f"; worst {place}, 30.0 dB" in found.verdict()
 
 
@@ -200,4 +207,5 @@ def test_kinds_count_by_their_shares() -> None:
     assert found.mean_db == pytest.approx(0.9 * 40 + 0.1 * 30)
     assert found.low_db == 30
     assert found.worst_db == 20
+    assert found.error_db == pytest.approx(0.1 * (200 / 3 / 4) ** 0.5)  # of one view nothing is known
     assert found.figures()["kinds"]["b"] == {"views": 4, "mean_db": 30.0, "p5_db": 20.0, "worst_db": 20.0}
