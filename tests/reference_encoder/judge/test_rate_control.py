@@ -9,7 +9,15 @@ from hypothesis import strategies as st
 
 from reference_encoder.judge.rate_control import converge, next_target
 from reference_encoder.options import EncodeOptions
-from reference_encoder.tuning import FIRST_SLOPE, SURE_DB, TOLERANCE_DB
+from reference_encoder.tuning import (
+    FIRST_SLOPE,
+    GREATEST_SLOPE,
+    MOST_DOWN_DB,
+    MOST_UP_DB,
+    SURE_DB,
+    TOLERANCE_DB,
+    WORST_BELOW_DB,
+)
 
 
 def _options(asked: float, corrections: int) -> EncodeOptions:
@@ -56,12 +64,24 @@ def test_nobody_looks_after_a_small_step() -> None:
     assert looks == [40.0]
     assert converge(_options(40.0, 0), lambda aim: aim, look) == 40.0
     assert looks == [40.0]
+    converge(EncodeOptions(worst=34.0, corrections=1), lambda aim: aim, look)
+    assert looks[1] == 34 + WORST_BELOW_DB
+    assert len(looks) == 3, "a percentile jumps: every step is looked at"
 
 
 def test_what_jumps_is_enclosed() -> None:
     """Between tries on both sides of what is asked, whatever the slope of the last two."""
     assert next_target(40.0, [(40.0, 44.0), (36.0, 38.0)], 40.0) == 36 + 4 * 2 / 6
     assert next_target(40.0, [(40.0, 44.0), (36.0, 38.0), (37.5, 41.0)], 40.0) == 36 + 1.5 * 2 / 3
+    assert next_target(40.0, [(40.0, 44.0), (42.0, 38.0)], 40.0) > 42
+
+
+def test_a_step_is_never_a_leap() -> None:
+    """Neither by a slope that two tries seem to have, nor from the first of them."""
+    assert next_target(40.0, [(40.0, 50.0), (39.0, 45.0)], 40.0) == 39 - 5 / GREATEST_SLOPE
+    assert next_target(40.0, [(40.0, 36.0)] * 2, 40.0) == 40 + 4 / FIRST_SLOPE
+    assert next_target(40.0, [(40.0, 99.0)], 40.0) == 40 - MOST_DOWN_DB
+    assert next_target(40.0, [(40.0, 1.0)], 40.0) == 40 + MOST_UP_DB
 
 
 def test_close_enough_is_left_alone() -> None:

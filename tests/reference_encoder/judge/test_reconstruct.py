@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -14,6 +16,7 @@ from reference_encoder.options import EncodeOptions
 from reference_encoder.rdo.layers import price_layers
 from reference_encoder.tuning import NEIGHBOURS
 from scarfmt.coding.writer import QuantisedScene, write_scene
+from scarfmt.container.registries import RenderModel
 from scarfmt.container.schema import Profile, Stream
 from scarfmt.render.metrics import psnr
 from scarfmt.render.rasterise import render
@@ -44,9 +47,11 @@ def test_gaussians_are_those_that_are_decoded(degree: int, quality: float) -> No
 def test_so_they_are_whatever_a_file_holds(seed: int) -> None:
     """Finished scenes agree for random integers, and for files without some channels."""
     scene = random_integers(seed, Profile.EXPLICIT, anchors=200)
+    scene = replace(scene, fields=replace(scene.fields, render_model=RenderModel.ANTIALIASED))
     shown, found = reconstruct_gaussians(scene), decode(write_scene(scene)).scene
     for name in GAUSSIANS:
         np.testing.assert_allclose(getattr(shown, name), getattr(found, name), rtol=1e-4, atol=1e-4, err_msg=name)
+    assert shown.description == found.description
 
 
 def test_anchors_are_those_that_are_decoded() -> None:
