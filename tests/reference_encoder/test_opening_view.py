@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from reference_encoder import opening_view
 from reference_encoder.opening_view import find_opening_view, middle_camera
 from reference_encoder.options import EncodeOptions
 from scarfmt.arrays import F64
@@ -52,8 +53,9 @@ def test_it_shows_the_side_that_has_most_detail() -> None:
 
 
 def test_a_subject_fills_the_frame_and_none_of_it_is_cut_off() -> None:
-    """The edge of the picture is empty; what is not is most of its height."""
-    scene = _ball()
+    """The edge of the picture is empty; what is not is most of its height. Most of the scene lies at one end of it."""
+    moon = _ball(400)
+    scene = _joined(_ball(), replace(moon, positions=moon.positions * 0.3 + [2.0, 1.5, 0.0]))
     lit = render(scene, find_opening_view(scene, OPTIONS).sample(4)).max(axis=2) > 0.1
     assert not lit[[0, -1]].any()
     assert not lit[:, [0, -1]].any()
@@ -68,9 +70,16 @@ def test_fog_before_the_subject_is_avoided() -> None:
     assert np.linalg.norm(camera.centre - [0, 0.3, 2.0]) > 0.8
 
 
-@pytest.mark.parametrize("count", [1, 2])
-def test_a_scene_of_next_to_nothing_has_one_too(count: int) -> None:
-    scene = _gaussians(np.zeros((count, 3)), np.ones((count, 3)))
+def test_of_many_gaussians_those_that_cover_most_decide(monkeypatch: pytest.MonkeyPatch) -> None:
+    ball = _ball()
+    dust = replace(ball, log_scales=np.full_like(ball.log_scales, -12.0), positions=-ball.positions)
+    monkeypatch.setattr(opening_view, "OPENING_GAUSSIANS", len(ball))
+    assert _away(find_opening_view(_joined(dust, ball), OPTIONS))[2] > 0.7
+
+
+@pytest.mark.parametrize(("count", "logit"), [(1, 4.0), (2, 4.0), (2, -999.0)])
+def test_a_scene_of_next_to_nothing_has_one_too(count: int, logit: float) -> None:
+    scene = _gaussians(np.zeros((count, 3)), np.ones((count, 3)), logit=logit)
     assert np.isfinite(find_opening_view(scene, EncodeOptions()).world_to_camera).all()
 
 
