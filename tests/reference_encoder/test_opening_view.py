@@ -77,7 +77,7 @@ def test_of_many_gaussians_those_that_cover_most_decide(monkeypatch: pytest.Monk
     assert _away(find_opening_view(_joined(dust, ball), OPTIONS))[2] > 0.7
 
 
-@pytest.mark.parametrize(("count", "logit"), [(1, 4.0), (2, 4.0), (2, -999.0)])
+@pytest.mark.parametrize(("count", "logit"), [(1, 4.0), (2, 4.0), (2, -80.0)])
 def test_a_scene_of_next_to_nothing_has_one_too(count: int, logit: float) -> None:
     scene = _gaussians(np.zeros((count, 3)), np.ones((count, 3)), logit=logit)
     assert np.isfinite(find_opening_view(scene, EncodeOptions()).world_to_camera).all()

@@ -10,7 +10,7 @@ import pytest
 from reference_encoder.encode import EncodeOptions, Encoder, encode, measure_scene
 from reference_encoder.judge.reconstruct import reconstruct_anchors, reconstruct_gaussians
 from reference_encoder.opening_view import find_opening_view
-from reference_encoder.streaming_block import build_streaming_block
+from reference_encoder.streaming_block import build_streaming_block, describe_view
 from scarfmt.blocks.streaming import Streaming, read_streaming
 from scarfmt.coding.writer import QuantisedScene
 from scarfmt.container.directory import tile_table
@@ -88,6 +88,15 @@ def test_the_first_view_is_a_camera_that_looks_at_the_scene(scene: QuantisedScen
     forward = free.target - free.position
     towards = [np.array([x, 0, 0]) - free.position for x in (-6.0, 6.0)]
     assert max(to @ forward / np.linalg.norm(to) / np.linalg.norm(forward) for to in towards) > 0.9
+
+
+def test_a_view_looks_as_far_as_the_middle_of_all_is_ahead() -> None:
+    """A little ahead where that lies behind the eye."""
+    camera = replace(look_at(np.zeros(3), np.array([0.0, 0.0, 1.0]), UP, 160, 120, 50.0), fy=60.0)
+    view = describe_view(camera, np.tile([3.0, 0.0, 4.0], (9, 1)))
+    assert (*view.target, view.fov) == pytest.approx((0, 0, 4, np.pi / 2))
+    behind = np.linspace([-1.0, 0.0, -7.0], [1.0, 0.0, -2.0], 11)
+    assert describe_view(camera, behind).target == pytest.approx([0, 0, 0.05 * np.hypot(1.6, 4.0)])
 
 
 def test_the_first_view_is_amid_the_cameras(scene: QuantisedScene) -> None:
