@@ -69,8 +69,6 @@ def measure_boxes(scene: QuantisedScene, drawn: GaussianScene | AnchorModel) -> 
     for number in range(tiles):
         part = slice(edges[number], edges[number + 1])
         places = 256 * (positions[part] - corner[number]) / side[number]
-        if len(places) == 0:
-            continue
         low[number] = np.clip(np.floor(places.min(axis=0)), 0, 255)
         high[number] = np.clip(np.maximum(np.ceil(places.max(axis=0)) - 1, low[number]), 0, 255)
         margin = np.minimum(places - low[number], high[number] + 1.0 - places).min(axis=1) * side[number] / 256

@@ -10,7 +10,7 @@ import pytest
 from reference_encoder.encode import EncodeOptions, Encoder, encode, measure_scene
 from reference_encoder.judge.reconstruct import reconstruct_anchors, reconstruct_gaussians
 from reference_encoder.opening_view import find_opening_view
-from reference_encoder.streaming_block import build_streaming_block, describe_view
+from reference_encoder.streaming_block import build_streaming_block, describe_view, measure_boxes
 from scarfmt.blocks.streaming import Streaming, read_streaming
 from scarfmt.coding.writer import QuantisedScene
 from scarfmt.container.directory import tile_table
@@ -77,6 +77,17 @@ def test_boxes_hold_what_is_there_and_hardly_more(scene: QuantisedScene) -> None
         assert (places.max(axis=0) > boxes.high[number] - step - 1e-9).all()
     assert (out < 0.25).all()
     assert (out > 0).any()
+
+
+@pytest.mark.parametrize(("part", "level"), [(0.5, 128), (-1e-4, 0), (1 + 1e-4, 255)])
+def test_what_lies_in_one_place_has_a_box_of_one_step(scene: QuantisedScene, part: float, level: int) -> None:
+    """On a border of steps, and half a cell outside the cube too."""
+    exact = replace(scene.fields, origin=(0.0, 0.0, 0.0), voxel=1.0)
+    alone = replace(scene, fields=exact, tiles=scene.tiles[:1], contents=scene.contents[:1])
+    drawn, (cube,) = reconstruct_gaussians(alone), cubes(alone.fields, tile_table(alone.tiles))
+    places = np.tile(cube[:3] + part * (cube[3:] - cube[:3]), (len(drawn), 1))
+    low, high, _ = measure_boxes(alone, replace(drawn, positions=places))
+    assert low.tolist() == high.tolist() == [[level] * 3]
 
 
 def test_the_first_view_is_a_camera_that_looks_at_the_scene(scene: QuantisedScene) -> None:
