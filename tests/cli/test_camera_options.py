@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 
-import click
 import numpy as np
 import pytest
 
@@ -33,9 +32,3 @@ def test_options_win_over_the_file_and_that_over_a_view_from_outside(
     found = camera_of(values, boxes, view)
     lens = found.fov_y, found.width, found.height
     assert [*found.position, *found.forward, *found.up, *lens] == pytest.approx(numbers)
-
-
-@pytest.mark.parametrize("target", [(1, 2, 3), (1, 2, 9)])
-def test_a_direction_of_zero_or_along_up_is_no_view(target: tuple[int, int, int]) -> None:
-    with pytest.raises(click.UsageError, match="give no view"):
-        camera_of(GIVEN | {"target": target}, BOXES, None)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib.util
 import json
 import time
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +15,7 @@ import pytest
 from fuzz.testing.scenes import random_scene
 from reference_decoder.decode import decode as decode_file
 from reference_decoder.decode import decode_scene
+from scarfmt.blocks.streaming import View
 from scarfmt.cli.outputs import SUFFIXES
 from scarfmt.coding.writer import write_scene
 from scarfmt.container.schema import Profile
@@ -22,6 +24,7 @@ from scarfmt.counters import Counters
 from scarfmt.formats import load
 from scarfmt.formats.outputs import OUTPUTS
 from scarfmt.render.native import binding
+from tests.blocks.test_streaming import random_boxes
 from tests.cli.conftest import gaussians, run, shell
 from tests.formats.scene_files import read_scene, scene_ply
 from tests.render.capture import files
@@ -170,14 +173,16 @@ def test_an_anchor_model_can_be_baked(anchors: Path, tmp_path: Path) -> None:
 
 
 def test_baking_for_cameras_is_another_scene(anchors: Path, tmp_path: Path) -> None:
-    """Without refining, which needs no renderer; only the eye of the camera that is not for tests is used."""
-    listing = files.in_json(files.own([files.camera(0, "train"), files.camera(1, "test")]), tmp_path / "cameras.json")
-    for name, options in {"a": (), "b": ("--cameras", listing)}.items():
+    """Without refining, which needs no renderer; only the eye of the camera that is not for tests is used, if any."""
+    train, test = files.camera(0, "train"), files.camera(1, "test")
+    mixed, tests = (files.in_json(files.own(some), tmp_path / f"{len(some)}") for some in ([train, test], [test]))
+    for name, options in {"a": (), "b": ("--cameras", mixed), "c": ("--cameras", tests)}.items():
         result = run("decode", anchors, tmp_path / f"{name}.ply", "--bake", "--bake-steps", 0, *options)
         assert result.exit_code == 0, result.stderr
     told = (tmp_path / "b.ply").read_bytes()
     assert b"fitted over 1 eyes in 0 steps" in told[:500]
-    assert told != (tmp_path / "a.ply").read_bytes()
+    assert b"fitted over 1 eyes" in (tmp_path / "c.ply").read_bytes()[:500]
+    assert len({told, *((tmp_path / f"{name}.ply").read_bytes() for name in "ac")}) == 3
 
 
 def test_baking_without_the_renderer_says_what_to_install(
@@ -277,6 +282,14 @@ def test_a_decode_of_nothing_says_why(
     assert result.exit_code == 0, result.stderr
     assert f"scarfmt: warning: {said}" in result.stderr
     assert result.stderr.endswith("0 Gaussians\n")
+
+
+def test_the_view_of_a_file_is_the_one_that_a_budget_is_for(tmp_path: Path) -> None:
+    """Here it looks away."""
+    scene, away = random_scene(5, tiles=8), View(np.full(3, 1e12), np.full(3, 2e12), np.array([0.0, 1.0, 0.0]), 1.0)
+    (tmp_path / "a.scar").write_bytes(write_scene(replace(scene, streaming=random_boxes(len(scene.tiles), away))))
+    result = run("decode", tmp_path / "a.scar", tmp_path / "a.ply", "--budget", 10**6)
+    assert "nothing of the scene is in the picture" in result.stderr
 
 
 @pytest.mark.parametrize(("start", "said"), [(b"", "the file is empty"), (b"glTF", "encode it first")])
