@@ -99,7 +99,7 @@ WRONG = {
     "train FILE OUT": ["--minutes 1 --iterations 5", "--minutes 0", "--hold-out 1", "--lambda 1e9", "--run FILE"],
     "compare FILE FILE": ["--cameras FILE --from near", "--size 640", "--size 0x480", "--photos / --views 3"],
     "compare": ["FILE FILE --all-layers --layers-b 1", "PLY PLY --layers-a 1", "PLY PLY --all-layers"],
-    "render FILE OUT": ["--layers some"],
+    "render FILE OUT": ["--layers some", "--layers 0"],
     "decode FILE": ["out.obj", "- --json", "- --format gltf", "out.spz --spz-sh-bits 0 4"],
     "decode FILE out.ply": ["--box 1,2,3", "--box 0,0,0,1,1,nan", "--tiles one", "--layers 9", "--bake-steps 3",
                             "--cameras FILE", "--camera 1,2,3 --target 1,2,3",

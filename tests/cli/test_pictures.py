@@ -43,15 +43,16 @@ def compare_json(*arguments: object) -> Any:
 
 
 def test_scenes_that_lie_apart_are_warned_of(ply: Path, tmp_path: Path) -> None:
-    """A format that cannot say its origin makes a file that no view shows."""
+    """A format that cannot say its origin makes a file that no view shows. What cannot be drawn is left out."""
     far = tmp_path / "far.ply"
     scene = gaussians(300)
+    scene.opacity_logits[3] = np.nan
     far.write_bytes(scene_ply(replace(scene, positions=scene.positions + 500.0)))
     assert "lie apart" in run("compare", ply, far, *SMALL).stderr
     assert "lie apart" not in run("compare", ply, ply, *SMALL).stderr
 
 
-@pytest.mark.parametrize("height", [0.0, 3.0])
+@pytest.mark.parametrize("height", [0.0, 0.5])
 def test_a_flat_scene_does_not_lie_apart_from_one_rounded(ply: Path, tmp_path: Path, height: float) -> None:
     """Along the axis that it has no extent on, rounding moves all of it; a greater distance is none of rounding."""
     names = tmp_path / "flat.ply", tmp_path / "rounded.ply"
@@ -75,12 +76,16 @@ def test_a_coded_scene_is_near_and_its_first_layer_less_so(ply: Path, encoded: P
     first = compare_json(ply, encoded, *SMALL, "--no-ssim", "--layers-b", 1)["results"]["b"]
     assert whole["mean_psnr_db"] > first["mean_psnr_db"] > 10
     assert whole["mean_ssim"] is None
+    same = compare_json(encoded, encoded, *SMALL, "--layers-a", 1, "--layers-b", 1)["results"]["b"]
+    assert same["psnr_db"] == [None, None]
+    assert compare_json(encoded, encoded, *SMALL, "--layers-a", 1, "--all-layers")["layers"][0]["mean_psnr_db"] is None
 
 
 def test_all_layers_are_tabled_with_their_sizes(ply: Path, encoded: Path) -> None:
     rows = compare_json(ply, encoded, *SMALL, "--all-layers")["layers"]
     inspected = json.loads(run("inspect", encoded, "--json").stdout)["layers"]
     assert [row["bytes"] for row in rows] == [layer["end_offset"] for layer in inspected]
+    assert [row["bytes_per_source"] for row in rows] == [layer["end_offset"] / 300 for layer in inspected]
     single = compare_json(ply, encoded, *SMALL, "--layers-b", 1)["results"]["b"]
     assert rows[0]["mean_psnr_db"] == pytest.approx(single["mean_psnr_db"])
     table = run("compare", ply, encoded, *SMALL, "--all-layers").stdout.splitlines()
@@ -113,7 +118,7 @@ def test_the_first_file_alone_places_the_cameras(ply: Path, tmp_path: Path) -> N
     """A second file whose Gaussians lie elsewhere is looked at from where the first is, by render --like too."""
     scene = gaussians(300)
     far = tmp_path / "far.ply"
-    far.write_bytes(scene_ply(replace(scene, positions=scene.positions + 1e4)))
+    far.write_bytes(scene_ply(replace(scene, positions=scene.positions + 1e4, sh=scene.sh * 0)))
     for kind in ("survey", "near"):
         run("render", ply, tmp_path / "a", *SMALL[:4], "--from", kind, "--force")
         like = run("render", far, tmp_path / "b", *SMALL[:4], "--from", kind, "--like", ply, "--force")
@@ -125,6 +130,22 @@ def test_the_first_file_alone_places_the_cameras(ply: Path, tmp_path: Path) -> N
     decibels = compare_json(ply, far, *SMALL, "--no-ssim")["results"]["b"]["psnr_db"]
     empty = psnr(np.zeros((48, 64, 3)), render(scene, orbit_cameras(scene, 2, 64, 48)[0]))
     assert decibels[0] == pytest.approx(empty, abs=1e-3)
+
+
+def test_what_files_say_of_origin_and_up_counts(ply: Path, tmp_path: Path) -> None:
+    """Of two origins the second scene is moved to the first; views stand upright."""
+    scene, names = gaussians(300), (tmp_path / "said.ply", tmp_path / "said.scar")
+    moved = replace(scene, positions=scene.positions - [100.0, 0, 0])
+    names[0].write_bytes(scene_ply(moved, ["Vertical Axis: z", "offsetx 100.0", "offsety 0.0", "offsetz 0.0"]))
+    run("encode", *names, "--effort", 0, "-q")
+    assert compare_json(ply, names[0], *SMALL)["results"]["b"]["mean_psnr_db"] > 60
+    assert compare_json(ply, names[1], *SMALL, "--all-layers")["layers"][-1]["mean_psnr_db"] > 25
+    for name in names:
+        frames: tuple[tuple[str, ...], ...] = ((), ("--frame", "z"), ("--frame", "-y"))
+        for number, frame in enumerate(frames):
+            run("render", name, tmp_path / f"{number}.png", *SMALL, *frame, "--force")
+        first, same, other = ((tmp_path / f"{number}.png").read_bytes() for number in range(3))
+        assert first == same != other
 
 
 def test_every_format_of_cameras_is_taken(ply: Path, tmp_path: Path) -> None:
@@ -152,11 +173,14 @@ def test_wrong_cameras_and_frames_are_told_before_a_scene_is_read(tmp_path: Path
 
 
 def test_listed_cameras_replace_the_orbit(ply: Path, tmp_path: Path) -> None:
-    listing = camera_list(orbit_cameras(gaussians(300), 4, 80, 60), tmp_path / "cameras.json")
+    listing = camera_list(orbit_cameras(gaussians(300), 5, 80, 60), tmp_path / "cameras.json")
     everything = compare_json(ply, ply, "--cameras", listing, "--no-ssim")["results"]["b"]
-    assert everything["names"] == ["1.png", "2.png", "3.png"]  # the test split
+    assert everything["names"] == ["1.png", "2.png", "3.png", "4.png"]  # the test split
     two = compare_json(ply, ply, "--cameras", listing, "--no-ssim", "--views", 2)["results"]["b"]
-    assert two["names"] == ["1.png", "2.png"]
+    assert two["names"] == ["1.png", "3.png"]
+    run("render", ply, tmp_path / "a.png", "--cameras", listing, "--views", 1, "--size", "40x30")
+    with Image.open(tmp_path / "a.png") as picture:
+        assert picture.size == (40, 30)
 
 
 def test_photos_judge_both_scenes(ply: Path, encoded: Path, tmp_path: Path) -> None:
@@ -208,6 +232,8 @@ def test_a_file_cut_short_is_drawn_as_far_as_it_goes_and_that_is_said(encoded: P
     cut.write_bytes(encoded.read_bytes()[:-1])
     said = "cut.scar is cut short: 1 of its 2 layers are used"
     assert said in run("compare", encoded, cut, *SMALL).stderr
+    assert "cut short" not in run("compare", encoded, encoded, *SMALL).stderr
+    assert len(compare_json(encoded, cut, *SMALL, "--all-layers")["layers"]) == 1
     assert said in run("render", cut, tmp_path / "a.png", *SMALL).stderr
     assert said not in run("render", cut, tmp_path / "b.png", *SMALL, "--layers", 1).stderr
 
