@@ -16,7 +16,7 @@ from PIL import Image
 
 from reference_encoder.training.capture import Capture, draw_points, load_capture, pixels
 from scarfmt.errors import InputWarning, InvalidInput
-from scarfmt.render.camera import in_view
+from scarfmt.render.camera import in_view, look_at
 from tests.reference_encoder.training import captures
 from tests.reference_encoder.training.captures import HEIGHT, PHOTOS, WIDTH, cameras, scene
 from tests.render.capture import files
@@ -89,11 +89,13 @@ def test_photos_of_different_sizes_are_used_where_each_camera_has_its_photos_siz
     mixed = [*captures.cameras()[:4], *(replace(c, name=f"z{c.name}") for c in captures.cameras(30, 40)[4:])]
     capture = load_silently(captures.own(tmp_path, mixed))
     assert [pixels(photo).shape[:2] for photo in capture.photos] == [(HEIGHT, WIDTH)] * 4 + [(40, 30)] * 4
+    small = load_silently(tmp_path, resolution=20)
+    assert {max(pixels(photo).shape) for photo in small.photos} == {20}
 
 
 @pytest.mark.parametrize(("hold_out", "expected"), [(0, []), (2, [0, 2, 4, 6]), (3, [0, 3, 6]), (100, [0])])
 def test_every_nth_photo_by_name_is_held_out(tmp_path: Path, hold_out: int, expected: list[int]) -> None:
-    capture = load_silently(captures.own(tmp_path), hold_out=hold_out)
+    capture = load_silently(captures.own(tmp_path, captures.cameras()[::-1]), hold_out=hold_out)
     assert [index for index, photo in enumerate(capture.photos) if photo.camera.split == "test"] == expected
     assert len(capture.train) + len(capture.test) == PHOTOS
 
@@ -108,6 +110,7 @@ def test_a_split_of_the_file_goes_before(tmp_path: Path) -> None:
 
 def test_one_black_photo_is_left_out_with_a_warning(tmp_path: Path) -> None:
     blacken(captures.own(tmp_path), [2])
+    Image.new("RGB", (WIDTH, HEIGHT), (20, 0, 0)).save(tmp_path / "images" / "photo3.png")  # dark is not black
     with pytest.warns(InputWarning, match=r"left out photo2\.png: black all over"):
         capture = load_capture(tmp_path)
     assert len(capture.photos) == PHOTOS - 1
@@ -115,12 +118,20 @@ def test_one_black_photo_is_left_out_with_a_warning(tmp_path: Path) -> None:
 
 def test_another_capture_has_another_digest(tmp_path: Path) -> None:
     captures.own(tmp_path)
-    before = load_silently(tmp_path)
-    assert load_silently(tmp_path, hold_out=3).digest != before.digest
+    digests = [load_silently(tmp_path).digest, load_silently(tmp_path, hold_out=3).digest]
     document = json.loads((tmp_path / "cameras.json").read_text())
     document["images"][3]["world_to_camera"][0][3] += 1e-6
-    (tmp_path / "cameras.json").write_text(json.dumps(document))
-    assert load_silently(tmp_path).digest != before.digest
+    for name, data in (
+        ("cameras.json", json.dumps(document).encode()),
+        ("points3d.ply", captures.ply(captures.points()[0] + 1, None)),
+        ("images/photo1.png", (tmp_path / "images" / "photo1.png").read_bytes() + b" "),
+    ):
+        (tmp_path / name).write_bytes(data)
+        digests.append(load_silently(tmp_path).digest)
+    assert len(set(digests)) == 5
+    (tmp_path / "points3d.ply").write_bytes(captures.ply(np.zeros((0, 3)), None))
+    with pytest.warns(InputWarning, match="has no points to start from"):
+        assert len(load_capture(tmp_path).points) > 1000
 
 
 # Captures that cannot be used
@@ -157,9 +168,9 @@ def points_at_nan(folder: Path) -> None:
 BAD: dict[str, tuple[Callable[[Path], object], str, str]] = {
     "one photo": (lambda folder: edit(folder, lambda e: e.__delitem__(slice(1, None))), "input-capture", "1 photo;"),
     "another size": (
-        lambda folder: Image.new("RGB", (9, 7)).save(folder / "images" / "photo3.png"),
+        lambda folder: Image.new("RGB", (WIDTH, 7)).save(folder / "images" / "photo3.png"),
         "input-capture",
-        "photo3.png has 9x7 pixels, but its camera 48x36",
+        "photo3.png has 48x7 pixels, but its camera 48x36",
     ),
     "missing photos": (
         lambda folder: [(folder / "images" / f"photo{index}.png").unlink() for index in range(5)],
@@ -226,6 +237,13 @@ def test_points_lie_where_a_ring_of_cameras_looks() -> None:
     spread = np.abs(found - found.mean(axis=0)).max()
     np.testing.assert_allclose(found.mean(axis=0), scene().positions.mean(axis=0), atol=0.3 * spread)
     np.testing.assert_array_equal(found, draw_points(cameras()))
+
+
+def test_cameras_that_see_nothing_in_common_see_some_each() -> None:
+    angles = np.arange(8) * np.pi / 4
+    eyes = [np.array([np.cos(angle), 0, np.sin(angle)]) for angle in angles]
+    outward = [look_at(eye, 2 * eye, np.array([0.0, 1, 0]), 60, 60, 30) for eye in eyes]
+    assert len(draw_points(outward)) > 100
 
 
 def test_cameras_that_look_the_same_way_see_them_too() -> None:
