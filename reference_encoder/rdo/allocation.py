@@ -23,9 +23,6 @@ from scarfmt.container.file import HeaderFields
 from scarfmt.container.schema import ColourSpace, CoordinateFrame, Stream
 from scarfmt.scene.model import Channel, LayerRow, SceneModel
 
-_ALWAYS = (Stream.SCALE, Stream.COLOUR)
-"""SPEC §6.4 wants scales; with a colour channel, even an empty one, the decoder gives no degree 0 (SPEC §9.4)."""
-
 
 @dataclass(frozen=True)
 class Allocation:
@@ -57,7 +54,7 @@ def allocate(problem: RdoInput, curves: Sequence[RdCurve], choices: Sequence[Lay
     last, used, integers = list(rows)[-1], list[int](), dict[Stream, I32]()
     for index, curve in enumerate(curves):
         steps = np.array([row[index] for row in last])
-        if not steps.any() and curve.stream not in _ALWAYS:
+        if not steps.any():
             continue
         used.append(index)
         values, weight = problem.values[curve.stream], problem.weights[curve.stream]

@@ -151,17 +151,6 @@ def test_reports_are_lines_or_a_document(explicit_scar: Path, ply: Path, tmp_pat
     assert (piped.exit_code, piped.stdout) == (2, "")
 
 
-def test_an_existing_output_is_kept_unless_forced(explicit_scar: Path, tmp_path: Path) -> None:
-    target = tmp_path / "out.scar"
-    target.write_bytes(b"precious")
-    result = run("truncate", explicit_scar, target, "--layers", 1)
-    assert result.exit_code == 2
-    assert "output-exists" in result.stderr
-    assert target.read_bytes() == b"precious"
-    assert run("truncate", explicit_scar, target, "--layers", 1, "--force").exit_code == 0
-    assert target.stat().st_size > 100
-
-
 def test_a_failure_on_the_way_leaves_nothing_behind(explicit_scar: Path, tmp_path: Path) -> None:
     (tmp_path / "in").mkdir()
     damaged = tmp_path / "in" / "damaged.scar"

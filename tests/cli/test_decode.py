@@ -37,13 +37,6 @@ def test_a_ply_holds_what_the_decoder_gives(encoded: Path, tmp_path: Path) -> No
     np.testing.assert_array_equal(written.sh, expected.sh)
 
 
-def test_pipes_carry_a_ply(encoded: Path, tmp_path: Path) -> None:
-    done = shell("decode", "-", "-", "-q", cwd=tmp_path, input=encoded.read_bytes())
-    run("decode", encoded, tmp_path / "a.ply")
-    assert (done.returncode, done.stderr) == (0, b"")
-    assert done.stdout == (tmp_path / "a.ply").read_bytes()
-
-
 @pytest.mark.parametrize(
     ("options", "arguments"),
     [
@@ -134,12 +127,6 @@ def anchors(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFac
     path = tmp_path_factory.mktemp("anchors") / "anchors.scar"
     path.write_bytes(write_scene(scene))
     return path
-
-
-def test_an_anchor_model_becomes_an_npz_that_can_be_read_back(anchors: Path, tmp_path: Path) -> None:
-    assert run("decode", anchors, tmp_path / "a.npz").exit_code == 0
-    model, expected = load(tmp_path / "a.npz"), decode_file(anchors).scene
-    np.testing.assert_array_equal(model.features, expected.features)
 
 
 def test_that_npz_can_be_compared_and_encoded_again(anchors: Path, tmp_path: Path) -> None:

@@ -157,11 +157,6 @@ def test_likely_first_layer_keeps_to_its_share_at_a_good_lambda(costs: LayerCost
     assert predict_first_layer(costs, 1e-9) == costs.least
 
 
-def test_predicted_layers_after_a_first_are_a_valid_table(costs: LayerCosts) -> None:
-    """Nothing that the first layer shows is taken back."""
-    checked(costs, predict_later_layers(show_whole(float(costs.lambdas[30]), 3), costs, 4))
-
-
 def test_low_quality_wants_less_of_its_first_picture(costs: LayerCosts) -> None:
     """A file of 25 dB does not spend all of it on the first layer."""
     low = find_first_layer(costs, decibels, 25.0, 0.3)

@@ -19,7 +19,6 @@ from scarfmt.errors import InputWarning, InvalidInput
 from scarfmt.render.camera import in_view, look_at
 from tests.reference_encoder.training import captures
 from tests.reference_encoder.training.captures import HEIGHT, PHOTOS, WIDTH, cameras, scene
-from tests.render.capture import files
 from tests.samples.codec_samples import refuses
 
 FORMATS: dict[str, Callable[[Path], Path]] = {
@@ -56,18 +55,6 @@ def test_blender_has_a_file_for_each_split_and_black_behind(tmp_path: Path) -> N
     expected[0, 0] = 0
     np.testing.assert_array_equal(pixels(capture.test[0]), expected)
     assert len(capture.points) > 1000
-
-
-def test_nerfstudios_points_move_with_its_cameras(tmp_path: Path) -> None:
-    """If the trainer left its own frame, points and poses go there together."""
-    captures.nerfstudio(tmp_path)
-    here = load_silently(tmp_path)
-    moved = {"transform": files.opengl_pose(captures.cameras()[3])[:3].tolist(), "scale": 0.25}
-    (tmp_path / "dataparser_transforms.json").write_text(json.dumps(moved))
-    there = load_silently(tmp_path)
-    for before, after in zip(here.photos, there.photos, strict=True):
-        apart = np.linalg.norm(here.points - before.camera.centre, axis=1)
-        np.testing.assert_allclose(np.linalg.norm(there.points - after.camera.centre, axis=1), 0.25 * apart)
 
 
 def test_a_sparse_folder_finds_its_photos_above(tmp_path: Path) -> None:
