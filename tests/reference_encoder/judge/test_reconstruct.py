@@ -16,10 +16,11 @@ from reference_encoder.options import EncodeOptions
 from reference_encoder.rdo.layers import price_layers
 from reference_encoder.tuning import NEIGHBOURS
 from scarfmt.coding.writer import QuantisedScene, write_scene
-from scarfmt.container.registries import RenderModel
+from scarfmt.container.registries import ColourSpace, RenderModel
 from scarfmt.container.schema import Profile, Stream
 from scarfmt.render.metrics import psnr
 from scarfmt.render.rasterise import render
+from scarfmt.scene.description import Description
 from scarfmt.scene.gaussians import AnchorModel, GaussianScene
 from tests.reference_encoder.profiles.test_anchors import picture, ring, small_model
 from tests.render.scenes import random_scene
@@ -37,7 +38,9 @@ def quantise(scene: GaussianScene | AnchorModel, options: EncodeOptions) -> Quan
 def test_gaussians_are_those_that_are_decoded(degree: int, quality: float) -> None:
     """All attributes agree with those of the decoded file but for rounding, with and without latents."""
     options = EncodeOptions(quality=quality, effort=1, layers=3, corrections=0)
-    scene = quantise(random_scene(1, 700, degree), options)
+    linear = Description(colour_space=ColourSpace.LINEAR)
+    scene = quantise(replace(random_scene(1, 700, degree), description=linear), options)
+    assert scene.fields.colour_space == ColourSpace.LINEAR
     shown, found = reconstruct_gaussians(scene), decode(write_scene(scene)).scene
     for name in GAUSSIANS:
         np.testing.assert_allclose(getattr(shown, name), getattr(found, name), rtol=2e-6, atol=2e-6, err_msg=name)

@@ -15,6 +15,7 @@ from PIL import Image
 from reference_encoder import kept_values
 from reference_encoder.training.options import DEVICES, Progress, TrainOptions
 from reference_encoder.training.run_folder import (
+    DRAFT,
     LOG,
     PLOT,
     RunLog,
@@ -24,6 +25,7 @@ from reference_encoder.training.run_folder import (
     load_checkpoint,
     read_log,
     save_checkpoint,
+    save_draft,
 )
 from scarfmt.errors import InputWarning, InvalidInput
 
@@ -95,11 +97,13 @@ def test_what_was_saved_comes_back(tmp_path: Path) -> None:
 
 def test_the_last_two_are_kept(tmp_path: Path) -> None:
     """What a kill left of one that was being written goes, too."""
-    (tmp_path / ".checkpoint-00000007.pt.0123.part").write_bytes(b"half")
+    for name in ("checkpoint-00000007.pt", DRAFT):
+        (tmp_path / f".{name}.0123.part").write_bytes(b"half")
     for iteration in (5, 10, 100, 99_999_999):
         save_checkpoint(tmp_path, iteration, state(iteration), WHOSE)
     assert names(tmp_path) == ["checkpoint-00000100.pt", "checkpoint-99999999.pt"]
     assert last_iteration(tmp_path) == 99_999_999
+    save_draft(tmp_path, b"whole")
     discard_checkpoints(tmp_path)
     assert last_iteration(tmp_path) is None
     assert names(tmp_path) == []
