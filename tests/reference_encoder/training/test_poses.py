@@ -249,7 +249,8 @@ def test_photos_of_a_lens_that_hardly_distorts_are_taken_as_they_are(tmp_path: P
 def test_a_frame_files_lens_is_one_of_colmaps(
     colmap: Colmap, tmp_path: Path, change: dict[str, Any], model: str, expected: tuple[float, ...]
 ) -> None:
-    """COLMAP is given model, parameters in its order, and poses."""
+    """COLMAP is given model, parameters in its order, and poses; photos keep their split, and are made once a lens."""
+    change = change | {"test_filenames": ["images/photo4.png"]}
     given: dict[str, list[list[str]]] = {}
 
     def look(action: str, folder: Path, path: Path, report: Callable[[str, float], None]) -> None:
@@ -260,7 +261,12 @@ def test_a_frame_files_lens_is_one_of_colmaps(
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(poses, "_run", look)
-        load_capture(lens_file(tmp_path / "capture", change), workspace=tmp_path / "run")
+        capture = load_capture(lens_file(tmp_path / "capture", change), workspace=tmp_path / "run")
+    assert [photo.camera.name for photo in capture.test] == ["images/photo4.png"]
+    assert not (tmp_path / "run" / poses.UNDISTORTED / "junk").exists()
+    load_capture(lens_file(tmp_path / "other", change), workspace=tmp_path / "run")
+    load_capture(lens_file(tmp_path / "more", change | {"k1": 0.3}), workspace=tmp_path / "run")
+    assert colmap.asked == ["undistort"] * 2
     camera = captures.cameras()[0]
     assert given["cameras"][0][1:4] == [model, str(WIDTH), str(HEIGHT)]
     numbers: F64 = np.array(given["cameras"][0][4:], np.float64)
