@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
-from reference_encoder.out_of_core.overview import judging_ranges, merge_runs, sample_evenly
-from reference_encoder.tuning import JUDGING_RANGES
+from reference_encoder.out_of_core.overview import judging_ranges, merge_runs, run_length, sample_evenly
+from reference_encoder.tuning import JUDGING_RANGES, MOST_PROXIES
 from scarfmt.render.camera import orbit_cameras
 from scarfmt.render.rasterise import render
 from tests.reference_encoder.out_of_core.chain import bounds_of, example, overviewed, partition
@@ -22,6 +24,10 @@ def test_merged_gaussians_cover_about_as_much_with_the_same_colours() -> None:
     order = np.argsort(bounds_of(scene).paths(scene.positions), kind="stable")
     few = merge_runs(scene.take(order), 16)
     assert len(few) == -(-len(scene) // 16)
+    opaque = replace(scene.take(order), opacity_logits=np.full(len(scene), 30.0, np.float32))
+    assert np.isfinite(merge_runs(opaque, 16).opacity_logits).all()
+    many = replace(bounds_of(scene), count=10**10)
+    assert 0.9 * MOST_PROXIES < many.count / run_length(many) <= MOST_PROXIES
     for camera in orbit_cameras(example(), 3, 80, 60):
         source, proxy = render(scene, camera), render(few, camera)
         assert abs(float(source.mean()) - float(proxy.mean())) < 0.25 * float(source.mean())
@@ -30,6 +36,7 @@ def test_merged_gaussians_cover_about_as_much_with_the_same_colours() -> None:
 def test_a_range_is_drawn_with_proxies_of_the_others_only() -> None:
     ranges = partition(example(), 1200)
     overview = overviewed(example(), ranges)
+    assert overview.options.frame == overview.survey.up.up
     part, scene = ranges[1]
     drawn = overview.make_drawable(part, scene).scene
     own = overview.edges[2] - overview.edges[1]
@@ -51,3 +58,4 @@ def test_judging_ranges_are_different_and_spread() -> None:
         found = judging_ranges(count, 7)
         assert len(set(found)) == len(found) == min(count, JUDGING_RANGES)
         assert all(0 <= number < count for number in found)
+    assert np.ptp(found) > 500
