@@ -5,6 +5,7 @@ Views that tell much of what Gaussians weigh are drawn more likely, and count as
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import lru_cache
 
 import numpy as np
@@ -12,7 +13,7 @@ import pytest
 
 from reference_encoder.importance.view_sampling import ViewSet
 from reference_encoder.importance.view_sampling import sample_views as survey_views
-from reference_encoder.importance.weights import weigh_scene
+from reference_encoder.importance.weights import Weights, weigh_scene
 from reference_encoder.judge.quality import Judge, cap_db, draw_gaussians
 from reference_encoder.judge.reconstruct import reconstruct_gaussians
 from reference_encoder.out_of_core import judge as judging
@@ -20,6 +21,7 @@ from reference_encoder.out_of_core import measure as module
 from reference_encoder.out_of_core.fit import apply
 from reference_encoder.out_of_core.judge import choose_piece, combine_quality, judge, render_pictures
 from reference_encoder.out_of_core.measure import estimate_shares, find_meeting_views, measure, sample_views
+from reference_encoder.tuning import LEAST_COVER
 from scarfmt.render.camera import look_at
 from tests.reference_encoder.out_of_core.chain import OPTIONS, encoded, example, overviewed, partition
 
@@ -65,6 +67,21 @@ def test_one_range_is_judged_as_the_scene_is() -> None:
     views = overview.views[ViewSet.TUNING]
     expected = Judge.of(scene, draw_gaussians, views, cap_db(OPTIONS.asked_db))
     assert found.mean_db == pytest.approx(expected.quality(reconstruct_gaussians(whole)).mean_db)
+    unseen = Weights(*map(np.zeros_like, vars(shown.measured).values()))
+    nothing = judge(overview, chain.fit, part, replace(shown, measured=unseen))
+    assert combine_quality(overview, [nothing]).mean_db < 20, "of which nothing is sent"
+
+
+@pytest.mark.parametrize(("ranges", "cover", "error"), [(1, 0.5, 2e-4), (2, 0.5, 2e-4), (3, 0.5, 3e-4)])
+def test_the_rest_of_a_picture_errs_as_the_part_that_is_judged(ranges: int, cover: float, error: float) -> None:
+    """Parts that cover more than the picture are all of it; of what hardly covers any nothing is known."""
+    overview = encoded(1200).overview
+    cameras = len(overview.views[ViewSet.TUNING].cameras)
+    judged = np.tile([[1e-4], [cover]], cameras)
+    found = combine_quality(overview, [judged] * ranges)
+    assert (len(found), found.mean_db) == (cameras, pytest.approx(-10 * np.log10(error)))
+    judged[1, 0] = LEAST_COVER / 4
+    assert len(combine_quality(overview, [judged] * ranges)) == cameras - 1
 
 
 def test_a_piece_of_a_range_and_proxies_of_the_rest_stand_for_all(monkeypatch: pytest.MonkeyPatch) -> None:
