@@ -9,7 +9,17 @@ import numpy as np
 
 from conformance.scenes.cases import Fault
 from conformance.surgery.edit import renumber
-from conformance.surgery.files import block_of, blocks_of, change_block, change_numbers, copy_block, rebuilt, without
+from conformance.surgery.files import (
+    block_of,
+    blocks_of,
+    change_block,
+    change_numbers,
+    copy_block,
+    numbers_of,
+    rebuilt,
+    without,
+)
+from conformance.writer.numbers import numbers_block
 from conformance.writer.tables import fold
 from scarfmt.blocks.codebooks import pack_codebooks, unpack_codebooks
 from scarfmt.blocks.mlp import Linear, QuantisedMlp, pack_networks
@@ -55,6 +65,10 @@ def _book_places(static: bytes, refined: bytes, words: np.ndarray) -> Iterator[F
            change_block(static, BlockKind.CODEBOOKS, 1, lambda _: both, 1))
     yield ("book-late", "codebook 1 is first needed in layer 2, but absent", rule, "missing-block",
            without(refined, BlockKind.CODEBOOKS, 2))
+    deep = change_block(refined, BlockKind.CODEBOOKS, 2, lambda payload: numbers_block(
+        renumber(("d", 65))(numbers_of(payload, BlockKind.CODEBOOKS))))
+    yield ("book-other-wide", "codebook 1 in layer 1 before 65 dimensions in layer 2", f"{rule} R-12.2-1",
+           "bad-codebook", change_numbers(deep, BlockKind.CODEBOOKS, renumber(("number", 1))))
     later = block_of(refined, BlockKind.CODEBOOKS, 2).payload
     first = block_of(refined, BlockKind.CODEBOOKS, 1).payload
     again = pack_codebooks({**unpack_codebooks(first), **unpack_codebooks(later)})

@@ -50,7 +50,7 @@ def predictor_faults(base: bytes, edge: bytes, alone: bytes) -> Iterator[Fault]:
         yield f"predictor{name}", purpose, *rule, change_numbers(base, _PREDICTORS, renumber((field, value)))
     for name, purpose, rule, data, changes in _edits(base, edge, alone):
         yield f"predictor{name}", purpose, *rule, _edit(data, changes)
-    yield from _order_faults(base, edge)
+    yield from _order_faults(base, edge, alone)
     yield from _scene_faults(base)
 
 
@@ -90,14 +90,21 @@ def _wider(predictor: Predictor) -> Predictor:
     return replace(predictor, hidden=hidden, output=edit(predictor.output, more))
 
 
-def _order_faults(base: bytes, edge: bytes) -> Iterator[Fault]:
-    """R-10.3-2 is applied after the numbers of the record, and before those of the next."""
+def _order_faults(base: bytes, edge: bytes, alone: bytes) -> Iterator[Fault]:
+    """R-10.3-2 is applied after the numbers of the record, and before those of the next; R-10.3-3 after the block."""
     first = pack_predictors(unpack_predictors(block_of(base, _PREDICTORS).payload)[:1])
     for name, changes in (("step-zero", {"step": 0}), ("buckets", {"b1": 128, "b2": 1})):
         numbers = renumber(*changes.items())(numbers_of(first, _PREDICTORS))
         long = numbers_block(ending_long(numbers))
         yield (f"predictor-{name}-long", "a record that breaks R-10.3-2, and ends in a number too long", "R-8.5-1",
                "bad-number", change_block(base, _PREDICTORS, 1, replace_bytes(long)))
+    wide = change_block(base, _PREDICTORS, 2, lambda payload: numbers_block(
+        renumber(("b1", 256))(numbers_of(payload, _PREDICTORS))))
+    yield ("predictor-component-wide", "component 77 in layer 1 before 256 buckets in layer 2", "R-10.3-3 R-12.2-1",
+           "bad-predictor", change_numbers(wide, _PREDICTORS, renumber(("component", 77))))
+    absent = renumber(("stream", int(Stream.ROTATION)), ("shift", 256))
+    yield ("predictor-no-channel-shift", "a shift of 256 before a channel that the file does not have",
+           "R-8.5-4 R-12.2-1", "count-limit", change_numbers(alone, _PREDICTORS, absent))
     more = change_block(_edit(edge, {"0.output.biases.0": further}), _PREDICTORS, 1, lambda payload: WORD + payload)
     yield "predictor-reach-seal", "an accumulator that can reach 2^24, and a word too many", *_ROWS, more
 

@@ -120,7 +120,7 @@ class Network:
         alpha = [256 * w // sum(weights) for w in weights]
         values = [value(g, -self.amax, self.amax) for g in tops]
         sums = [dot(alpha, column) for column in zip(*values, strict=True)]
-        return [clamp(round_shift(v, 8), -self.amax, self.amax) for v in sums]
+        return [round_shift(v, 8) for v in sums]  # the shares sum to at most 256
 
     def mix(self, h: Vector, words: list[Vector]) -> Vector:
         return self.mixer(h + self.attend(h, self.history(words)), 0, self.amax)
