@@ -19,7 +19,7 @@ MAX_BOOKS = 2
 MAX_VALUE = 65535
 
 _DIMENSION = Record(
-    "words" / Number("signed", times="size", by="index") * "in codeword order",
+    "words" / Number("signed", times="size", by="index") * "in codeword order; index is the dimension",
     Rule(
         Check("R-7.8-1", "they are -65535..65535", "bad-codebook"),
         lambda at: int(np.abs(at["words"]).max()) <= MAX_VALUE,
