@@ -65,14 +65,20 @@ export class FileServer {
   /** Answers without ranges, and with the first `count` bytes until what this returns is called. */
   holdAfter(count: number): () => void {
     let release: () => void = () => undefined;
+    let released = false;
     this.ranges = false;
     this.trick = (_, response) => {
       response.writeHead(200, { "Content-Length": String(this.bytes.length) });
       response.write(this.bytes.subarray(0, count));
       release = () => response.end(this.bytes.subarray(count));
+      // One who was kept waiting too long asks again, perhaps afterwards.
+      if (released) release();
       return true;
     };
-    return () => release();
+    return () => {
+      released = true;
+      release();
+    };
   }
 
   /** Headers of a 206 answer for a range, cut to the file. */
