@@ -23,7 +23,7 @@ from tests.samples.container_samples import COUNTS, FIELDS, TILES, containers, s
 
 @given(containers(), st.data())
 def test_truncating_equals_writing_fewer_layers(arguments: tuple, data: st.DataObject) -> None:
-    """SPEC §14: truncate(encode(L layers), k) == encode(k layers), byte for byte."""
+    """SPEC §14: truncate(encode(L layers), k) == encode(k layers), byte for byte, in steps as at once."""
     fields, tiles, blocks, counts = arguments
     blocks = [block for block in blocks if block.kind in READABLE_KINDS]
     layers, page_bits = data.draw(st.integers(1, len(counts))), data.draw(st.integers(0, 3))
@@ -31,6 +31,8 @@ def test_truncating_equals_writing_fewer_layers(arguments: tuple, data: st.DataO
     kept = [block for block in blocks if block.layer <= layers]
     fewer = write_container(fields, tiles, kept, counts[:layers], page_bits)
     assert truncate(BytesSource(whole), layers, limits=FORMAT_LIMITS) == fewer
+    first, again = (truncate(BytesSource(file), 1, limits=FORMAT_LIMITS) for file in (whole, fewer))
+    assert first == again
 
 
 def test_unknown_blocks_are_copied_only_when_that_is_safe() -> None:
