@@ -53,10 +53,6 @@ class Attributes:
         """Degree of the spherical harmonics, 0..3."""
         return math.isqrt(self.rest.shape[1] // 3 + 1) - 1
 
-    def take(self, index: NDArray[np.integer]) -> Attributes:
-        """The Gaussians at `index`, in that order."""
-        return Attributes(*(values[index] for values in vars(self).values()))
-
 
 def from_scene(scene: GaussianScene) -> Attributes:
     """Attributes of a scene without NaN or infinity."""

@@ -11,9 +11,8 @@ from functools import partial
 
 import numpy as np
 
-from reference_encoder.importance.attributes import Attributes, visible_attributes
+from reference_encoder.importance.attributes import visible_attributes
 from reference_encoder.importance.sensitivity import estimate_absence, estimate_colour, measure_sensitivity
-from reference_encoder.importance.weights import Weights
 from reference_encoder.judge.rate_control import converge
 from reference_encoder.out_of_core.fit import Fit, LatentFit, rank_gaussians
 from reference_encoder.out_of_core.judge import combine_quality
@@ -37,28 +36,19 @@ def fit_scene(overview: Overview, samples: Sequence[Sample], judge: Callable[[Fi
     Args:
         judge: what the ranges `overview.judging_ranges` give under a Fit, from the views :attr:`ViewSet.TUNING`.
     """
-    options, sampled = overview.options, prepare_sample(overview, samples)
+    options, sample = overview.options, concatenate_samples(samples)
 
     def decibels(fit: Fit) -> float:
         found = combine_quality(overview, judge(fit))
         return found.rated_db if options.worst is None else found.low_db
 
-    return converge(options, partial(fit_sample, overview, sampled), decibels)
+    return converge(options, partial(fit_sample, overview, sample), decibels)
 
 
-Prepared = tuple[Attributes, Weights, float]
-"""Of the Gaussians of a sample, and how many each stands for."""
-
-
-def prepare_sample(overview: Overview, samples: Sequence[Sample]) -> Prepared:
-    """Collect what is fitted to, from the samples of all ranges."""
-    scene, measured = concatenate_samples(samples)
-    return visible_attributes(scene, measured.pixel), measured, overview.bounds.count / len(scene)
-
-
-def fit_sample(overview: Overview, sample: Prepared, quality: float) -> Fit:
+def fit_sample(overview: Overview, sample: Sample, quality: float) -> Fit:
     """Decide all at the lambda that is predicted to give `quality` dB."""
-    attributes, measured, repeat = sample
+    scene, measured = sample
+    repeat = overview.bounds.count / len(scene)  # how many each stands for
     bounds, most = overview.bounds, overview.options.tile_anchors or default_tile_size(overview.bounds.count)
     lambda_ = predict_lambda(quality, bounds.count, GAUSSIAN_LAMBDA_DB)
     shift = measure_colour_shift(estimate_absence(measured), estimate_colour(measured), lambda_ * GAUSSIAN_BITS)
@@ -66,8 +56,9 @@ def fit_sample(overview: Overview, sample: Prepared, quality: float) -> Fit:
     classes = find_class_bounds(importance, lambda_, GAUSSIAN_BITS, MOST_GAUSSIAN_CLASSES)
     every = classes.classify(importance)
     kept = np.flatnonzero(every >= 0)
-    attributes = attributes.take(kept)
-    seen = measure_sensitivity(attributes, measured.take(kept))
+    weights = measured.take(kept)
+    attributes = visible_attributes(scene.take(kept), weights.pixel)
+    seen = measure_sensitivity(attributes, weights)
     # Tiles of the sample are as large as those of the scene will be.
     positions, wanted, fewer = attributes.positions, choose_step(seen, lambda_), max(1, round(most / repeat))
     bits = count_lattice_bits(positions, wanted, bounds.root, fewer) + LATTICE_MARGIN_BITS

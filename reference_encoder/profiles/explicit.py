@@ -54,7 +54,6 @@ class ExplicitProfile:
 
     Attributes:
         scene: the source.
-        attributes: of all its Gaussians, in the terms of SPEC §9; axes that nobody sees are no shorter than that.
         survey: where they were looked at from.
         weights: what they weigh there.
         options, report: of the encoder; the frame is the one that was found.
@@ -64,7 +63,6 @@ class ExplicitProfile:
     reconstruct = staticmethod(reconstruct_gaussians)
 
     scene: GaussianScene
-    attributes: Attributes
     survey: Views
     weights: Weights
     options: EncodeOptions
@@ -79,9 +77,7 @@ class ExplicitProfile:
             weights = weigh_scene(scene, views, lambda part: report("visibility", part))
         else:
             weights = weigh_draft(scene, views)
-        attributes = visible_attributes(scene, weights.pixel)
-        options = replace(options, frame=views.up.up)
-        return cls(scene, attributes, views, weights, options, report)
+        return cls(scene, views, weights, replace(options, frame=views.up.up), report)
 
     def judge(self, view_set: ViewSet) -> Judge[GaussianScene]:
         """Pictures of the source from views of a set, drawn now."""
@@ -96,8 +92,10 @@ class ExplicitProfile:
         ranked = rank_with_colour(absence, colour, share, lambda_ * GAUSSIAN_BITS)
         every, count = classify(ranked, lambda_, GAUSSIAN_BITS, MOST_GAUSSIAN_CLASSES)
         kept = np.flatnonzero(every >= 0)
-        attributes = self.attributes.take(kept)
-        seen = measure_sensitivity(attributes, self.weights.take(kept))
+        weights = self.weights.take(kept)
+        # Of those that are sent alone, and anew each time: kept, those of all would be a tenth of the peak of memory.
+        attributes = visible_attributes(self.scene.take(kept), weights.pixel)
+        seen = measure_sensitivity(attributes, weights)
         placement = place(attributes.positions, choose_step(seen, lambda_), self.options.tile_anchors)
         return gaussian_input(
             attributes, seen, every[kept], count, placement, lambda_, len(self.scene), 1.0, self.scene.description

@@ -9,9 +9,10 @@ import pytest
 
 from reference_decoder.decode import decode
 from reference_encoder.encode import encode
+from reference_encoder.importance.attributes import visible_attributes
 from reference_encoder.out_of_core import measure as module
-from reference_encoder.out_of_core.fit_scene import fit_sample, prepare_sample
-from reference_encoder.out_of_core.measure import importance_levels, sample_range
+from reference_encoder.out_of_core.fit_scene import fit_sample
+from reference_encoder.out_of_core.measure import concatenate_samples, importance_levels, sample_range
 from reference_encoder.out_of_core.types import Sample
 from reference_encoder.profiles.explicit import view_dependent
 from reference_encoder.tuning import REST_SHARE
@@ -53,8 +54,8 @@ def test_a_sample_has_its_share_of_every_level_and_some_of_the_highest(monkeypat
 
 def test_half_of_a_scene_decides_about_what_all_of_it_does() -> None:
     chain = encoded(SIZE)
-    prepared = [prepare_sample(chain.overview, samples(every)) for every in (1, 2)]
-    all_of_it, half = (fit_sample(chain.overview, one, 45.0) for one in prepared)
+    taken = (concatenate_samples(samples(every)) for every in (1, 2))
+    all_of_it, half = (fit_sample(chain.overview, sample, 45.0) for sample in taken)
     assert abs(all_of_it.classes.count - half.classes.count) <= 1
     last = [fit.model.layers[-1] for fit in (all_of_it, half)]
     assert abs(max(last[0].steps)[0] - max(last[1].steps)[0]) <= 1
@@ -101,7 +102,8 @@ def test_every_gaussian_is_in_the_file_or_told_to_be_left_out() -> None:
 
 def test_an_error_of_a_latent_counts_as_that_of_the_colours_it_makes() -> None:
     chain = encoded(SIZE)
-    attributes, seen, _ = prepare_sample(chain.overview, samples(9))
+    scene, seen = concatenate_samples(samples(9))
+    attributes = visible_attributes(scene, seen.pixel)
     assert chain.fit.latent is not None
     latent = chain.fit.latent.of(attributes, seen)
     right, moved = (latent.decoder.apply(latent.values + np.float32(by), np.float64) for by in (0, 1))
