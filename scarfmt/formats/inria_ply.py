@@ -55,7 +55,7 @@ def load(source: Source) -> GaussianScene:
     for note in columns.notes:
         source.warn(note)
     scene = columns.scene(ply.read_elements(source, header, ["vertex"])["vertex"])
-    _warn_of_plain_sizes(source, scene)
+    _warn_of_plain_numbers(source, scene)
     return scene
 
 
@@ -138,15 +138,23 @@ _FEW = 16
 """Gaussians of which nothing can be said together."""
 
 
-def _warn_of_plain_sizes(source: Source, scene: GaussianScene) -> None:
-    """Tell where sizes look as if their logarithms had not been taken: each is wider than the scene."""
-    if len(scene) < _FEW or not (scene.log_scales >= 0).all():
+def _warn_of_plain_numbers(source: Source, scene: GaussianScene) -> None:
+    """Tell where numbers look as renderers use them: opacities all from 0 to 1, or sizes all wider than the scene.
+
+    Logits of trained scenes reach from below -2 to above 2.
+    """
+    if len(scene) < _FEW:
         return
-    with np.errstate(all="ignore"):  # what is not finite is reported by a later check
-        away = np.abs(scene.positions - np.median(scene.positions, axis=0)).max(axis=1)
-        is_wider = np.median(scene.log_scales) > np.log(np.quantile(away, 0.9))
-    if is_wider:
-        message = "most Gaussians are wider than the scene; if sizes are no logarithms, and opacities no logits"
+    logits = scene.opacity_logits
+    is_plain = bool(((logits >= 0) & (logits <= 1)).all() and np.ptp(logits) > 0)
+    is_wider = False
+    if (scene.log_scales >= 0).all():
+        with np.errstate(all="ignore"):  # what is not finite is reported by a later check
+            away = np.abs(scene.positions - np.median(scene.positions, axis=0)).max(axis=1)
+            is_wider = bool(np.median(scene.log_scales) > np.log(np.quantile(away, 0.9)))
+    if is_plain or is_wider:
+        what = "all opacities lie from 0 to 1" if is_plain else "most Gaussians are wider than the scene"
+        message = f"{what}; if opacities are no logits, or sizes no logarithms"
         source.warn(f"{message}, export it again: some tools write what renderers use, PLY has what trainers keep")
 
 

@@ -82,17 +82,28 @@ def test_one_scale_is_that_of_every_axis() -> None:
     assert scene.description.render_model == RenderModel.CLASSIC
 
 
-def test_sizes_without_logarithms_are_told() -> None:
-    """Tools that write what a renderer uses have sizes of 0.01 and opacities up to 1: spheres of 1 unit and more."""
+def test_numbers_as_renderers_use_them_are_told() -> None:
+    """Tools that write these have sizes of 0.01, so spheres of 1 unit and more; others have opacities of 0 to 1 alone."""
     rng = np.random.default_rng(1)
     names = inria_names(0)
     rows = rng.uniform(0.001, 0.5, (40, len(names)))
-    with pytest.warns(InputWarning, match="wider than the scene"):
-        load(ply([("float", name) for name in names], rows))
-    rows[:, [names.index(f"scale_{i}") for i in range(3)]] = -4
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
-        load(ply([("float", name) for name in names], rows))
+    opacity, sizes = names.index("opacity"), [names.index(f"scale_{i}") for i in range(3)]
+
+    def read() -> list[str]:
+        with warnings.catch_warnings(record=True) as caught:
+            warnings.simplefilter("always")
+            load(ply([("float", name) for name in names], rows))
+        return [str(warning.message).partition("; ")[0].removeprefix("<bytes>: ") for warning in caught]
+
+    assert read() == ["all opacities lie from 0 to 1"]
+    rows[:, sizes] = -4
+    assert read() == ["all opacities lie from 0 to 1"]
+    rows[:, opacity] = 0  # as of points whose training has not begun
+    assert read() == []
+    rows[:, opacity] = rng.normal(size=40)
+    assert read() == []
+    rows[:, sizes] = 0.5
+    assert read() == ["most Gaussians are wider than the scene"]
 
 
 COLOURED = [name for name in inria_names(0) if not name.startswith("f_dc")] + ["red", "green", "blue"]
