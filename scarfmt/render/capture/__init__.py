@@ -62,8 +62,8 @@ def load_cameras(path: str | PathLike[str]) -> list[Camera]:
         OSError: it cannot be read.
 
     Warns:
-        InputWarning: lens distortion is ignored, a list has another length than it says, or COLMAP wrote several
-            models.
+        InputWarning: lens distortion is ignored, masks are not read, a list has another length than it says, or COLMAP
+            wrote several models.
     """
     files = listings(Path(path))
     found = [

@@ -17,13 +17,14 @@ from __future__ import annotations
 import math
 import warnings
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path, PurePosixPath
 from typing import Any
 
 import numpy as np
 
 from scarfmt.arrays import F64
-from scarfmt.errors import InputWarning, InvalidInput
+from scarfmt.errors import InputWarning, InvalidInput, plural
 from scarfmt.render.camera import Camera
 from scarfmt.render.capture.record import EXPORT_AGAIN, Distorted, Record, focal_of_angle, how_to_draw, invert
 
@@ -31,8 +32,11 @@ DATAPARSER = "dataparser_transforms.json"
 PINHOLE_MODELS = ("", "PINHOLE", "SIMPLE_PINHOLE", "OPENCV", "SIMPLE_RADIAL", "RADIAL", "FULL_OPENCV")
 _FISHEYE = "OPENCV_FISHEYE"
 _DISTORTIONS = ("k1", "k2", "k3", "k4", "p1", "p2")
+_ALL_DISTORTIONS = "distortion_params"
+"""Nerfstudio's list of these six; of other lenses it has other numbers."""
+_MASK = "mask_path"
 _SIZES = ("w", "h", "fl_x", "fl_y", "cx", "cy", "camera_angle_x", "camera_angle_y")
-_SHARED = (*_SIZES, "camera_model", "is_fisheye", *_DISTORTIONS)
+_SHARED = (*_SIZES, "camera_model", "is_fisheye", *_DISTORTIONS, _ALL_DISTORTIONS)
 """Fields that may stand above the frames and then hold for all of them."""
 _OTHER_AXES = "from_mitsuba"
 """Instant-NGP's mark of poses whose x points left and z forward."""
@@ -50,10 +54,14 @@ def transforms_cameras(file: str, document: Mapping[str, Any], frames: list[Any]
 
     Raises:
         InvalidInput: ``input-cameras``.
+
+    Warns:
+        InputWarning: lens distortion is ignored, or masks are not read.
     """
     splits = _splits(file, document)
     placed = _Placement.of(file, document, dataparser)
     records = _frames(file, document, frames)
+    _warn_of_masks(file, records)
     for record in records:
         if _lens_model(record) not in PINHOLE_MODELS:
             raise _not_drawn(record)
@@ -67,10 +75,14 @@ def transforms_distorted(file: str, document: Mapping[str, Any], frames: list[An
     """The views of a `transforms.json` with their lenses as they are; none where all lenses are pinholes.
 
     Arguments and errors are those of :func:`transforms_cameras`.
+
+    Warns:
+        InputWarning: masks are not read.
     """
     records = _frames(file, document, frames)
     if not any(_distorts(record) for record in records):
         return []
+    _warn_of_masks(file, records)
     splits = _splits(file, document)
     placed = _Placement.of(file, document, dataparser)
     return [_read_distortion(record, _camera(record, placed, splits)) for record in records]
@@ -123,8 +135,23 @@ def _frames(file: str, document: Mapping[str, Any], frames: list[Any]) -> list[R
     for index, frame in enumerate(frames):
         record = Record.of(file, f"frames[{index}]", frame)
         there = {key: value for key, value in (shared | record.values).items() if value is not None}
-        found.append(Record(file, record.place, there))
+        found.append(_name_distortions(Record(file, record.place, there)))
     return found
+
+
+def _name_distortions(record: Record) -> Record:
+    """The record with the coefficients of its list of them, if it has one, each under its name."""
+    if _ALL_DISTORTIONS not in record.values or _lens_model(record) not in (*PINHOLE_MODELS, _FISHEYE):
+        return record
+    listed = record.numbers(_ALL_DISTORTIONS, len(_DISTORTIONS)).tolist()
+    return replace(record, values=record.values | dict(zip(_DISTORTIONS, listed, strict=True)))
+
+
+def _warn_of_masks(file: str, records: list[Record]) -> None:
+    masked = sum(_MASK in record.values for record in records)
+    if masked:
+        message = f"{file}: masks ({_MASK}) of {plural(masked, 'photo')} are not read: what they hide is seen"
+        warnings.warn(message, InputWarning, stacklevel=4)
 
 
 def _lens_model(record: Record) -> str:

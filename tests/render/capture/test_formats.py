@@ -17,7 +17,7 @@ from PIL import Image
 
 from scarfmt.errors import InputWarning, InvalidInput
 from scarfmt.render.camera import Camera
-from scarfmt.render.capture import held_out, load_cameras, load_points
+from scarfmt.render.capture import held_out, load_cameras, load_distorted, load_points
 from scarfmt.render.images import write_png
 from tests.formats.scene_files import ply
 from tests.samples.codec_samples import refuses
@@ -299,6 +299,31 @@ def test_distortion_of_a_transforms_file_is_told(tmp_path: Path) -> None:
     path = files.in_json(files.transforms(SEVERAL) | {"k1": 0.01}, tmp_path / "t.json")
     with pytest.warns(InputWarning, match="distortion"):
         assert_alike(load_cameras(path), SEVERAL)
+
+
+@pytest.mark.parametrize("above", [True, False])
+def test_a_list_of_coefficients_distorts_as_each_by_its_name(tmp_path: Path, above: bool) -> None:
+    """Nerfstudio reads `distortion_params` before k1 and the others, in a frame and above."""
+    views = []
+    for said in ({"k1": 0.1, "k2": 0.2, "p1": 0.3, "p2": 0.4}, {"distortion_params": [0.1, 0.2, 0, 0, 0.3, 0.4]}):
+        document = files.transforms(SEVERAL)
+        for holder in [document] if above else document["frames"]:
+            holder |= said
+        views.append(load_distorted(files.in_json(document, tmp_path / "t.json")))
+    assert len(views[0]) == len(SEVERAL)
+    assert [(view.model, view.parameters) for view in views[0]] == [(view.model, view.parameters) for view in views[1]]
+
+
+@pytest.mark.parametrize("distortion", [0, 0.01])
+def test_masks_are_told_of_once(tmp_path: Path, distortion: float) -> None:
+    """What a mask hides, such as people who walk by, would be trained on without a word."""
+    document = files.transforms(SEVERAL) | {"k1": distortion}
+    document["frames"][1]["mask_path"] = "masks/1.png"
+    path = files.in_json(document, tmp_path / "t.json")
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        _ = load_distorted(path) or load_cameras(path)
+    assert ["masks (mask_path) of 1 photo are not read" in str(one.message) for one in caught] == [True]
 
 
 def test_reading_cameras_imports_nothing_heavy(tmp_path: Path) -> None:
