@@ -32,6 +32,7 @@ _KIND = "ParticleField3DGaussianSplat"
 _HARMONICS = "radiance:sphericalHarmonicsCoefficients"
 _DEGREE = "radiance:sphericalHarmonicsDegree"
 _REFERENCE = "coordinate_reference"
+_PROJECTION, _PERSPECTIVE = "projectionModeHint", "perspective"
 _ENDINGS = (".usd", ".usda", ".usdc", ".usdz")
 _MOST_DEGREE = 3
 _METHOD = slice(8, 10)
@@ -60,9 +61,11 @@ def load(source: Source) -> GaussianScene:
         LimitExceeded: more Gaussians than any scene has.
 
     Warns:
-        InputWarning: other geometry, later moments or higher degrees of harmonics are left out.
+        InputWarning: other geometry, later moments or higher degrees of harmonics are left out; the unit is no metre,
+            or the projection another one.
     """
     with _open_stage(source) as stage:
+        _warn_of_units(source, stage)
         parts = [_read_prim(source, prim) for prim in _find_prims(source, stage)]
         source.check_count(sum(map(len, parts)))
         return flip_axes(concatenate(parts), (1, 1, 1) if _is_z_up(stage) else RUB_TO_RDF)
@@ -108,6 +111,15 @@ def _open_stage(source: Source) -> Iterator[Any]:
             raise source.corrupt(f"USD cannot open it ({reason})") from error
 
 
+def _warn_of_units(source: Source, stage: Any) -> None:
+    """Tell where the stage says that its unit is no metre: numbers are kept, and outputs say metre."""
+    from pxr import UsdGeom
+
+    metres = UsdGeom.GetStageMetersPerUnit(stage)
+    if UsdGeom.StageHasAuthoredMetersPerUnit(stage) and metres != 1:
+        source.warn(f"its unit is {metres:g} m; numbers are kept, and other programs may take them for metres")
+
+
 def _is_z_up(stage: Any) -> bool:
     from pxr import UsdGeom
 
@@ -142,6 +154,9 @@ def _find_prims(source: Source, stage: Any) -> list[Any]:
 
 
 def _read_prim(source: Source, prim: Any) -> GaussianScene:
+    projection = prim.GetAttribute(_PROJECTION).Get(_first_moment())
+    if projection != _PERSPECTIVE:
+        source.warn(f"{_PROJECTION} {projection!r} is taken for {_PERSPECTIVE!r}")
     positions, _ = _read(source, prim, "positions", (3,))
     scales, _ = _read(source, prim, "scales", (3,))
     # Arrays hold x, y, z, w, though the constructor of one quaternion takes w first.
@@ -162,7 +177,7 @@ def _read_prim(source: Source, prim: Any) -> GaussianScene:
         sh,
     )
     try:
-        return place_scene(scene, _transform(prim))
+        return place_scene(scene, _transform(source, prim))
     except ValueError as error:
         message = f"{source.name}: transforms of {prim.GetPath()} mirror, shear or flatten its Gaussians ({error})"
         raise Unsupported("input-usd", f"{message}; apply them in the program that made the scene") from error
@@ -202,10 +217,15 @@ def _first_moment() -> Any:
     return Usd.TimeCode.EarliestTime()
 
 
-def _transform(prim: Any) -> F64:
+def _transform(source: Source, prim: Any) -> F64:
     """The (4, 4) matrix, by columns as mathematics has it, that takes the prim's axes to those of the stage."""
     from pxr import UsdGeom
 
+    above = prim
+    while above and not UsdGeom.Xformable(above).TransformMightBeTimeVarying():
+        above = above.GetParent()
+    if above:
+        source.warn(f"{above.GetPath()} moves; it stays where it first is")
     return np.array(UsdGeom.XformCache(_first_moment()).GetLocalToWorldTransform(prim), np.float64).T
 
 

@@ -156,9 +156,26 @@ def move_in_time(stage: Any) -> None:
     attribute.Set(first, 2.0)
 
 
+def move_above(stage: Any) -> None:
+    operation = geometry.Xformable(stage.GetPrimAtPath("/Gaussians")).AddTranslateOp()
+    operation.Set(gf.Vec3d(0, 0, 0), 1.0)
+    operation.Set(gf.Vec3d(0, 0, 9), 2.0)
+
+
+def project(stage: Any) -> None:
+    stage.GetPrimAtPath("/Gaussians").GetAttribute("projectionModeHint").Set("tangential")
+
+
 @pytest.mark.parametrize(
     ("change", "message"),
-    [(hide_one, "1 invisible"), (add_mesh, "1 prims of other geometry"), (move_in_time, "2 moments")],
+    [
+        (hide_one, "1 invisible"),
+        (add_mesh, "1 prims of other geometry"),
+        (move_in_time, "2 moments"),
+        (move_above, "/Gaussians moves"),
+        (project, "'tangential' is taken for 'perspective'"),
+        (lambda stage: geometry.SetStageMetersPerUnit(stage, 0.01), "its unit is 0.01 m; numbers are kept"),
+    ],
 )
 def test_what_is_left_out_is_named(change: Callable[[Any], None], message: str, tmp_path: Path) -> None:
     scene = some_scene(20)
