@@ -23,7 +23,7 @@ from scarfmt.scene.description import NOTHING_SAID, Description
 
 @dataclass(frozen=True)
 class GaussianScene:
-    """N explicit Gaussians.
+    """N explicit Gaussians. Arrays of other types, lists and tensors become arrays of those below.
 
     Attributes:
         positions: (N, 3) float64, world units. float64 so that coordinates of 1e6 keep their detail.
@@ -42,6 +42,11 @@ class GaussianScene:
     description: Description = field(default=NOTHING_SAID, kw_only=True)
 
     def __post_init__(self) -> None:
+        for name, values in self.arrays().items():
+            # Numbers of other types, such as float16, overflow in sums, and tensors index otherwise.
+            with np.errstate(over="ignore"):
+                array = np.asarray(values, np.float64 if name == "positions" else np.float32)
+            object.__setattr__(self, name, array)
         n = len(self.positions)
         shapes = {"positions": (n, 3), "log_scales": (n, 3), "rotations": (n, 4), "opacity_logits": (n,)}
         for name, shape in shapes.items():

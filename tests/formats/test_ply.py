@@ -83,7 +83,7 @@ def test_one_scale_is_that_of_every_axis() -> None:
 
 
 def test_numbers_as_renderers_use_them_are_told() -> None:
-    """Tools that write these have sizes of 0.01, so spheres of 1 unit and more; others have opacities of 0 to 1 alone."""
+    """Tools that write these have sizes of 0.01, so spheres of 1 unit and more; others opacities of 0 to 1 alone."""
     rng = np.random.default_rng(1)
     names = inria_names(0)
     rows = rng.uniform(0.001, 0.5, (40, len(names)))
