@@ -177,11 +177,6 @@ def test_saving_as_scar_encodes(path: Path, tmp_path: Path) -> None:
         scarfmt.save(scarfmt.load(path), tmp_path / "a.obj")
 
 
-def test_options_are_checked_when_they_are_made() -> None:
-    with pytest.raises(InvalidInput, match="quality"):
-        scarfmt.EncodeOptions(quality=500)
-
-
 def test_scenes_show_themselves_shortly_and_in_notebooks(path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     scene = scarfmt.load(path)
     assert isinstance(scene, scarfmt.GaussianScene)

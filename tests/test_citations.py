@@ -35,18 +35,9 @@ def cited_sections(text: str) -> list[tuple[str, str]]:
     return found
 
 
-def test_citations_are_told_apart() -> None:
-    text = "As SPEC §5.4, §5.5 say (paper §3.4, §3.5; SPEC §10.5). Now RFC 9110 §14.2\nand §15. Then §C.1."
-    assert cited_sections(text) == [
-        *(("SPEC", "5.4"), ("SPEC", "5.5"), ("paper", "3.4"), ("paper", "3.5"), ("SPEC", "10.5")),
-        *(("RFC 9110", "14.2"), ("RFC 9110", "15"), ("SPEC", "C.1")),
-    ]
-    assert len(RULES) > 150
-    assert {"5.4", "10.5", "C.1", "A"} <= SECTIONS
-
-
 def test_cited_rules_exist() -> None:
     """A rule that was renumbered in SPEC.md is renumbered everywhere."""
+    assert len(RULES) > 150
     cited = {(name, rule) for name in NAMES for rule in RULE.findall((REPOSITORY / name).read_text("utf-8"))}
     assert len(cited) > 450
     assert sorted(one for one in cited if one[1] not in RULES) == []

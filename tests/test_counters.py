@@ -8,9 +8,8 @@ from scarfmt_conformance.archive import names, read
 
 from fuzz.testing.neural_scenes import neural_scene
 from fuzz.testing.scenes import random_scene
-from reference_decoder.decode import DecodeRequest, decode, iter_tiles
+from reference_decoder.decode import decode
 from reference_decoder.region import tile_boxes
-from reference_decoder.stream_gaussians import stream_gaussians
 from scarfmt.coding.reader import SceneReader
 from scarfmt.coding.tile import find_needed
 from scarfmt.coding.writer import write_scene
@@ -81,17 +80,6 @@ def test_attributes_take_the_sub_streams_they_need_and_no_other(native: bool) ->
                 taken += min(entry.length, MAX_TABLE_SIZE)
                 taken += sum(record.length for stream, record in table.items() if stream in needed)
         assert part.bytes_read - opening.bytes_read == taken
-
-
-def test_parts_taken_one_by_one_count_alike() -> None:
-    """`iter_tiles`, `decode`, and Gaussians in parts of the same file."""
-    data = write_scene(neural_scene(28, anchors=150, tiles=4))
-    whole, parts, streamed = Counters(), Counters(), Counters()
-    assert sum(map(len, iter_tiles(data, counters=parts))) == len(decode(data, counters=whole))
-    assert parts == whole
-    _, scenes = stream_gaussians(BytesSource(data), DecodeRequest(), counters=streamed)
-    assert sum(map(len, scenes)) == whole.anchors
-    assert streamed == whole
 
 
 def test_looking_at_a_file_reads_its_header_and_opening_it_its_directory() -> None:

@@ -1,4 +1,4 @@
-/* TANH, SIGMOID and EXP2 of SPEC 10.1. Written by tests/native/test_sources.py from scarfmt.neural.tables. */
+/* TANH, SIGMOID and EXP2 of SPEC 10.1. tests/native/test_sources.py compares them with scarfmt.neural.tables. */
 
 #ifndef SCAR_INTEGER_TABLES_H
 #define SCAR_INTEGER_TABLES_H

@@ -36,20 +36,6 @@ def test_a_run_covers_what_it_measured_and_the_rest_keeps_its_own(monkeypatch: p
     assert [run["of"] for run in same] == [["b"], ["a", "c"]]
 
 
-def test_a_statement_gives_dates_and_machines_of_the_figures_shown() -> None:
-    runs = [
-        {**past_run("2029-01-01", cpu="a chip", cores=2), "of": ["s/a", "t/a q47"]},
-        {**past_run("2030-01-02", modified=True), "of": ["s/b"]},
-    ]
-    document = {FIELD: runs, "s": {"a": 1, "b": 2}, "t": {"a q47": 3}}
-    assert statement(document, "t/") == statement(document, ending=" q47")
-    assert statement(document, "t/") == "Measured 2029-01-01 on 2 cores of a chip."
-    both = "Measured 2029-01-01 to 2030-01-02 on 2 cores of a chip and a machine not recorded."
-    assert statement(document, "s/") == both
-    with pytest.raises(ValueError, match="no run"):
-        statement(document, "u/")
-
-
 @pytest.mark.parametrize("path", FILES, ids=lambda path: path.stem)
 def test_every_file_of_results_has_a_run_for_each_figure(path: Path) -> None:
     document = json.loads(path.read_text(encoding="utf-8"))

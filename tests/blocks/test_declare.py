@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -30,7 +29,6 @@ from scarfmt.blocks.declare import (
     varint,
     varints,
 )
-from scarfmt.entropy.numbers import NumberWriter
 from scarfmt.errors import Malformed, ScarError
 from tests.samples.codec_samples import refuses
 
@@ -66,22 +64,6 @@ def _thing(kind: int, low: int, rows: list[int], weights: list[int]) -> dict[str
     return values | ({"low": low, "width_of_all": 0.5} if kind else {})
 
 
-class Spans:
-    """A trace that keeps (path, start, past, value) of every field that ends, innermost first."""
-
-    def __init__(self) -> None:
-        self.open: list[tuple[str | int, int]] = []
-        self.leaves: list[tuple[int, int]] = []
-        self.names: list[str] = []
-
-    def enter(self, name: str | int, at: int) -> None:
-        self.open.append((name, at))
-
-    def leave(self, value: Any, at: int) -> None:
-        self.names.append(".".join(str(name) for name, _ in self.open))
-        self.leaves.append((self.open.pop()[1], at))
-
-
 @given(things())
 def test_what_is_packed_is_read(values: dict[str, Any]) -> None:
     """Every kind of field, with and without what depends on a condition."""
@@ -97,23 +79,11 @@ def test_what_is_packed_is_read(values: dict[str, Any]) -> None:
             np.testing.assert_array_equal(found[name], value)
 
 
-@given(things())
-def test_being_watched_changes_nothing(values: dict[str, Any]) -> None:
-    """The trace sees all bytes."""
-    payload, spans = build(THING, values), Spans()
-    watched = read(THING, payload, "thing", spans)
-    assert watched.keys() == read(THING, payload, "thing").keys()
-    assert {at for start, past in spans.leaves for at in range(start, past)} == set(range(len(payload)))
-    assert not spans.open
-
-
 @given(things(), st.data())
 def test_a_cut_payload_is_refused(values: dict[str, Any], data: st.DataObject) -> None:
-    """Watched or not, and for the same reason."""
     payload = build(THING, values)
     cut = payload[: data.draw(st.integers(0, len(payload) - 1))]
     refuses("payload-short", lambda: read(THING, cut, "thing"))
-    refuses("payload-short", lambda: read(THING, cut, "thing", Spans()))
 
 
 def test_a_rule_is_applied_where_it_stands() -> None:
@@ -150,27 +120,6 @@ def test_floats_of_any_bits_come_back_from_their_differences(bits: list[int]) ->
     assert found["floats"].view(np.uint32).tolist() == bits
     alike = build(record, {"n": 9, "floats": np.full(9, 0.7, np.float32)})
     assert len(alike) < 2 + len(build(record, {"n": 1, "floats": np.full(1, 0.7, np.float32)}))
-
-
-def _adaptive(*numbers: tuple[object, int]) -> bytes:
-    writer = NumberWriter()
-    for name, number in numbers:
-        writer.number(name, number)
-    return writer.finish()
-
-
-@pytest.mark.parametrize(
-    ("numbers", "wanted"),
-    [
-        ([(("n", None), 10)], "count-limit"),
-        ([(("n", None), 1), (("shift of", "numbers"), 32)], "count-limit"),
-        ([(("n", None), 1), (("shift of", "numbers"), 31), (("numbers", None), 2)], "bad-number"),
-        ([(("n", None), 1), (("shift of", "numbers"), 1), (("numbers", None), (1 << 32) - 3)], "bad-number"),
-    ],
-)
-def test_adaptive_numbers_beyond_their_range_are_refused(numbers: list[tuple[object, int]], wanted: str) -> None:
-    """Counts, shifts, and what shifts make of numbers."""
-    refuses(wanted, lambda: read(ADAPTIVE, _adaptive(*numbers), "thing"))
 
 
 def test_numbers_are_spent_before_they_are_read() -> None:

@@ -6,10 +6,9 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from scarfmt.blocks.tables import fit_table, pack_tables, table_bits, unpack_tables
+from scarfmt.blocks.tables import fit_table, pack_tables, table_bits
 from scarfmt.entropy.keys import TableKey
 from scarfmt.entropy.symbol_tables import SymbolTable
-from tests.samples.equality import same
 
 EDGE = 2**31 - 1
 KEY = TableKey(3, 1, 2, 7)
@@ -49,31 +48,6 @@ def test_a_fitted_table_is_near_the_entropy() -> None:
     entropy = float(-(counts * np.log2(counts / counts.sum())).sum())
     table = fit_table(values, counts)
     assert table.cost_of_counts(values, counts) + 8 * len(pack_tables({KEY: table})) < 1.02 * entropy
-
-
-TABLES = st.dictionaries(
-    st.builds(TableKey, st.integers(1, 11), st.integers(0, 255), st.integers(0, 255), st.integers(0, 255)),
-    ALPHABETS.flatmap(
-        lambda values: st.builds(
-            lambda weights: SymbolTable(np.array(values, np.int64), np.array(weights, np.int64)),
-            st.lists(
-                st.one_of(st.integers(1, 9), st.integers(1, (1 << 24) - 1)), min_size=len(values), max_size=len(values)
-            )
-            if len(values) > 1
-            else st.just([1]),
-        )
-    ),
-    max_size=5,
-)
-
-
-@settings(deadline=None, max_examples=40)
-@given(TABLES)
-def test_tables_come_back(tables: dict[TableKey, SymbolTable]) -> None:
-    """Any keys, alphabets to both ends of 32 bits, weights to 2^24 - 1."""
-    found = unpack_tables(pack_tables(tables))
-    assert list(found) == sorted(tables)
-    assert all(same(found[key], tables[key]) for key in tables)
 
 
 def test_equal_tables_cost_few_bits() -> None:

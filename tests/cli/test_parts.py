@@ -60,10 +60,3 @@ def test_a_box_that_divides_nothing_is_told(many_tiles: Path, tmp_path: Path, bo
     assert result.exit_code == 2
     assert "input-box" in result.stderr
     assert list(tmp_path.iterdir()) == []
-
-
-def test_files_that_do_not_belong_together_leave_nothing(many_tiles: Path, tmp_path: Path) -> None:
-    result = run("merge", many_tiles, many_tiles, "-o", tmp_path / "a.scar")
-    assert result.exit_code == 1
-    assert "input-overlap" in result.stderr
-    assert list(tmp_path.iterdir()) == []

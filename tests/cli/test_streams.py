@@ -58,14 +58,6 @@ def test_a_pipe_is_inspected_validated_decoded_and_truncated(feed: Feed, explici
         assert target.read_bytes() == expected
 
 
-def test_a_pipe_is_encoded_as_its_file_is(feed: Feed, ply: Path, tmp_path: Path) -> None:
-    options = ("--effort", 1, "--layers", 1, "--corrections", 0, "-q")
-    for name, source in (("a.scar", ply), ("b.scar", feed(ply))):
-        result = run("encode", source, tmp_path / name, *options)
-        assert result.exit_code == 0, result.stderr
-    assert (tmp_path / "a.scar").read_bytes() == (tmp_path / "b.scar").read_bytes()
-
-
 def test_pipes_are_compared_also_layer_by_layer(feed: Feed, ply: Path, encoded: Path) -> None:
     """The layers of one pipe are all read from what came through it once."""
     view = ("--views", 1, "--size", "32x24", "--json", "--no-ssim")

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import math
-from functools import partial
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -17,8 +15,6 @@ from scarfmt.codecs.positions import get_positions, put_positions
 from scarfmt.container.morton import interleave
 from scarfmt.entropy.symbol_reader import SymbolReader
 from scarfmt.errors import ScarError
-from scarfmt.formats import load
-from scarfmt.scene.gaussians import GaussianScene
 from tests.samples.codec_samples import coded, cost_bits
 
 
@@ -90,21 +86,10 @@ def occupancies(codes: U64, bits: int) -> list[NDArray[np.int64]]:
     return out
 
 
-def entropy_bits(counts: NDArray[np.int64]) -> float:
-    """Cost of symbols under their own frequencies, the table free of charge."""
-    present = counts[counts > 0]
-    return float(-(present * np.log2(present / present.sum())).sum())
-
-
 def adaptive_bits(counts: NDArray[np.int64]) -> float:
     """Cost of symbols under an adaptive model that starts all counts at 1/2 (Krichevsky-Trofimov)."""
     learnt = math.lgamma(counts.sum() + len(counts) / 2) - math.lgamma(len(counts) / 2)
     return (learnt - sum(math.lgamma(n + 0.5) - math.lgamma(0.5) for n in counts.tolist())) / math.log(2)
-
-
-def multiplicities(codes: U64) -> NDArray[np.int64]:
-    """How many leaves hold 1, 2, ... anchors: what an octree has to say besides occupancy."""
-    return np.bincount(np.unique(codes, return_counts=True)[1])
 
 
 @pytest.mark.parametrize(("count", "bits"), [(3000, 12), (3000, 16), (20000, 12), (20000, 16)])
@@ -115,28 +100,6 @@ def test_cost_is_below_that_of_an_adaptive_octree(count: int, bits: int) -> None
     levels = occupancies(codes, bits)
     assert ours < sum(map(adaptive_bits, levels))
     assert ours < adaptive_bits(np.sum(levels, axis=0))
-
-
-@pytest.mark.scene
-@pytest.mark.parametrize("name", ["flowers", "plush-on-bed"])
-def test_cost_on_real_scenes_is_below_that_of_an_octree(shared_data: Path, name: str) -> None:
-    """Against order-0 occupancy bytes of every level, their tables free, plus how many anchors a leaf holds.
-
-    Where nearly every anchor has a cell of its own, also without the latter.
-    """
-    scene = load(shared_data / "splats" / f"{name}.ply")
-    assert isinstance(scene, GaussianScene)
-    positions = scene.positions
-    low, high = np.percentile(positions, [1, 99], axis=0)
-    for core in (12, 14):
-        points = np.floor((positions - positions.min(0)) / ((high - low).max() / 2**core)).astype(np.int64)
-        bits = int(points.max()).bit_length()
-        codes = np.sort(interleave(points))
-        ours = cost_bits(partial(put_positions, codes=codes, bits=bits))
-        octree = sum(map(entropy_bits, occupancies(codes, bits)))
-        assert ours <= octree + entropy_bits(multiplicities(codes))
-        if len(np.unique(codes)) > 0.99 * len(codes):
-            assert ours <= octree
 
 
 @settings(deadline=None, max_examples=150)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 import math
-import struct
 import zlib
 from collections.abc import Callable
 from functools import partial
@@ -14,12 +13,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from conformance.surgery.parts import flip_bits
-from scarfmt.container.file import Block, Container, HeaderFields, Tile, write_container
+from scarfmt.container.file import Block, Container, Tile, write_container
 from scarfmt.container.header import header_length
-from scarfmt.container.schema import BlockKind, ColourSpace, CoordinateFrame, Profile, Stream
+from scarfmt.container.schema import Stream
 from scarfmt.container.source import BytesSource
 from scarfmt.errors import LimitExceeded, Malformed, ScarError, Truncated
-from scarfmt.limits import FORMAT_LIMITS, FREE_ANCHORS, FREE_SLOTS, Limits
+from scarfmt.limits import FORMAT_LIMITS, FREE_ANCHORS, Limits
 from tests.samples.codec_samples import refuses
 from tests.samples.container_samples import (
     COUNTS,
@@ -67,26 +66,6 @@ def test_what_is_written_is_read_back(arguments: tuple, page_bits: int, random: 
     for block in blocks:
         entry = container.find(block.kind, block.layer, block.tile)
         assert (entry.count, container.read_block(entry)) == (block.count, block.payload)
-
-
-def test_blocks_lie_back_to_back_in_directory_order() -> None:
-    """The progressive order of SPEC §5.5: by layer, then kind, then tile, no holes."""
-    data = sample_file()
-    container = Container(BytesSource(data))
-    assert read_all(data) == [block.payload for block in sample_blocks()]
-    ends = [container.header.data_offset, *(entry.end for entry in container.entries)]
-    assert [entry.offset for entry in container.entries] == ends[:-1]
-    assert ends[-1] == len(data)
-
-
-def test_summaries_count_bytes_per_layer_and_stream() -> None:
-    """The counts are those that `inspect` prints: stream bytes, the rest of a tile as framing, all else as models."""
-    first, second, _ = Container(BytesSource(sample_file())).header.layers
-    assert first.byte_count == sum(len(b.payload) for b in sample_blocks() if b.layer == 1)
-    assert first.stream_bytes[Stream.POSITIONS] == 7
-    assert first.stream_bytes[Stream.FRAMING] == len(b"tile zero" + b"tile two") - 9
-    assert first.stream_bytes[Stream.MODELS] == len(b'first layercodewords{"title": "sample"}')
-    assert second.end_offset == first.end_offset + second.byte_count
 
 
 def test_opening_reads_the_header_and_the_directory_reads_itself() -> None:
@@ -156,18 +135,6 @@ def test_limits_refuse_declared_numbers(
     assert refusal_of(edit(BASE, table, row, name, value), LimitExceeded, limits=limits).refusal == refusal
 
 
-def test_slots_multiply_what_a_file_may_ask_for() -> None:
-    """32 slots an anchor: a file of few bytes may have a thirty-second of the anchors."""
-    fields = dataclasses.replace(FIELDS, profile=Profile.ANCHOR, sh_degree=0, slots=32)
-    most, limits = FREE_SLOTS // 32, Limits(slots_per_byte=0)
-    just, more = (
-        write_container(fields, TILES, [Block(BlockKind.TILE, 1, b"tile", 0, anchors)], [(anchors, 0)])
-        for anchors in (most, most + 1)
-    )
-    assert len(read_all(just, limits)) == 1
-    refuses("limit-expansion", lambda: read_all(more, limits), field="slots", kind=LimitExceeded)
-
-
 def test_the_sample_passes_limits_it_just_meets() -> None:
     """Limits are inclusive."""
     root = get(BASE, H, 0, "root_length")
@@ -180,13 +147,6 @@ def test_the_deepest_last_cube_is_valid() -> None:
     tiles = [Tile(21, 0, 8**21 - 2), Tile(21, 0, 8**21 - 1)]
     data = write_container(FIELDS, tiles, [], [(0, 0)])
     assert list(Container(BytesSource(data)).tiles) == tiles
-
-
-@pytest.mark.parametrize("kind", [17, 65, 128, 255])
-def test_unknown_ancillary_blocks_are_no_obstacle(kind: int) -> None:
-    """Annotations of newer writers are skipped."""
-    data = write_container(FIELDS, TILES, [Block(kind, 1, b"note", flags=0)], [(0, 0)])
-    assert read_all(data) == [b"note"]
 
 
 def test_an_unverified_read_returns_damaged_bytes() -> None:
@@ -273,25 +233,3 @@ def _with(index: int, **changes: object) -> list[Block]:
 def test_the_writer_refuses_what_no_reader_would_accept(write: Callable[[], bytes], words: str) -> None:
     """A bug of an encoder shows up when the file is written, and names the rule."""
     refuses("input-container", write, words)
-
-
-def test_the_bytes_are_those_of_the_specification() -> None:
-    """A file packed by hand from SPEC §5: the layout cannot change by accident."""
-    layer, tile = b"description", b"coded anchors"
-    # Cubes 8 and 11 of depth 2: the first begins the page, two lie between them.
-    tiles = struct.pack("<2B2B2B", 2, 2, 3, 3, 0, 2)
-    rows = struct.pack("<2B", 0, len(tile)) + struct.pack("<BI", 5, zlib.crc32(tile))
-    root = struct.pack("<BBBBBI", 1, 1, 1, len(layer), 0, zlib.crc32(layer))
-    # 8 * 2^57 in groups of seven bits: eight of zeros, then 2^60 >> 56.
-    root += b"\x80" * 8 + b"\x10" + struct.pack("<BI", len(tiles), zlib.crc32(tiles))
-    root += struct.pack("<BIBB", len(rows), zlib.crc32(rows), len(tile), 5)
-    size = 240 + len(root + tiles + rows + layer + tile)
-    header = struct.pack("<9s3BIQ", b"\x89SCAR\r\n\x1a\n", 0, 3, 0, 240, size)
-    header += struct.pack("<8B", 1, 0, 1, 10, 24, 1, 1, 10)
-    header += struct.pack("<IIQQ4dQI", 2, len(root), 5, 42, 0.5, -1.0, 3.0, 0.25, 77, zlib.crc32(root))
-    header += struct.pack("<4Q13Q", 5, 42, 24, size, 11, 9, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 4)
-    header += struct.pack("<I", zlib.crc32(header))
-    fields = HeaderFields(Profile.ANCHOR, 0, 10, 24, (0.5, -1.0, 3.0), 0.25, 77, CoordinateFrame.RDF, ColourSpace.SRGB)
-    blocks = [Block(BlockKind.LAYER, 1, layer), Block(BlockKind.TILE, 1, tile, 1, 5, {Stream.POSITIONS: 9})]
-    expected = header + root + tiles + rows + layer + tile
-    assert write_container(fields, [Tile(2, 3, 8), Tile(2, 3, 11)], blocks, [(5, 42)]) == expected

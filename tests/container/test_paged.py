@@ -175,15 +175,3 @@ def test_pages_beside_damage_can_be_used() -> None:
         container.find(BlockKind.TILE, 1, 30 * PAGE)
     assert (caught.value.refusal, caught.value.offset) == ("page-crc-mismatch", int(page["offset"]))
     refuses("page-crc-mismatch", lambda: container.load(1), kind=Malformed)
-
-
-def test_pages_of_other_sizes_say_the_same() -> None:
-    """How many tiles are in a page changes no tile and no entry; nor does one that is not full."""
-    rows, tiles = scene().directory, scene().tiles[:900]
-    small = rows[(rows["tile"] == NO_TILE) | (rows["tile"] < 900)]
-    for bits in (0, 3, 16):
-        container = Container(Sparse(_front_of(small, tiles, bits))).load()
-        assert container.header.page_count == -(-900 // (1 << bits))
-        assert (container.tile_table == tiles).all()
-        names = [name for name in ENTRY_DTYPE.names if name != "offset"]
-        assert (container.directory[names] == small[names]).all()

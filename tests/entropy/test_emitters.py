@@ -15,8 +15,8 @@ from scarfmt.entropy.keys import TableKey
 from scarfmt.entropy.recorded import SymbolRecorder
 from scarfmt.entropy.symbol_reader import SymbolReader
 from scarfmt.entropy.symbol_tables import SymbolTable
-from scarfmt.errors import InvalidInput, Malformed
-from tests.samples.codec_samples import EDGE, Recorder, coded, emitting, many_groups, refuses
+from scarfmt.errors import InvalidInput
+from tests.samples.codec_samples import Recorder, coded, many_groups, refuses
 
 KEY = TableKey(3, 1, 2, 7)
 
@@ -31,17 +31,6 @@ def test_groups_go_by_ascending_context_and_keep_their_order() -> None:
     put_contexts(recorder, np.array([9, 0, 255, 9, 0, 9]), np.array([1, 2, 3, 4, 5, 6]))
     expected = [(KEY._replace(context=c), v) for c, v in ((0, [2, 5]), (9, [1, 4, 6]), (255, [3]))]
     assert recorder.groups == expected
-
-
-@settings(deadline=None)
-@given(st.lists(st.tuples(st.integers(0, 255), st.integers(-EDGE, EDGE)), max_size=60))
-def test_values_come_back_from_their_contexts(pairs: list[tuple[int, int]]) -> None:
-    """Whatever the contexts and values."""
-    contexts, values = np.array([p[0] for p in pairs], np.int64), np.array([p[1] for p in pairs], np.int64)
-    data, fitted = coded(lambda emitter: put_contexts(emitter, contexts, values))
-    reader = SymbolReader(data, fitted)
-    assert reader.read_by_context(KEY, contexts).tolist() == values.tolist()
-    reader.finish()
 
 
 def test_counting_and_coding_agree() -> None:
@@ -82,23 +71,6 @@ def test_a_recorder_codes_rows_as_soon_as_it_settles() -> None:
     mixed.emit_uniform(4, symbols)
     with pytest.raises(InvalidInput):
         mixed.settle()
-
-
-def test_a_missing_table_is_named_and_only_when_needed() -> None:
-    """Nothing to read needs no table."""
-    reader = emitting((KEY, [1, 2]))
-    other = KEY._replace(context=8)
-    assert reader.read(other, 0).tolist() == []
-    refuses("missing-table", lambda: reader.read(other, 1))
-
-
-def test_symbols_left_in_a_stream_break_the_seal() -> None:
-    """A stream that holds more than was asked for is not accepted."""
-    reader = emitting((KEY, [1, 2, 3, 1, 3]))
-    reader.read(KEY, 4)
-    with pytest.raises(Malformed) as caught:
-        reader.finish()
-    assert caught.value.refusal == "rans-seal"
 
 
 def one_by_one(emitter: Emitter, contexts: Ints, values: Ints) -> None:

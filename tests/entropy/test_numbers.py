@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 
 import numpy as np
-import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from scarfmt.entropy.numbers import LARGEST, NumberReader, NumberWriter
-from tests.samples.codec_samples import refuses
 
 NUMBERS = st.lists(
     st.tuples(
@@ -44,25 +42,3 @@ def test_models_learn() -> None:
     few = rng.choice(3, 4000, p=[0.7, 0.2, 0.1])
     entropy = -(0.7 * np.log2(0.7) + 0.2 * np.log2(0.2) + 0.1 * np.log2(0.1)) * 4000 / 8
     assert entropy < len(written(("a", int(number)) for number in few)) < 1.05 * entropy
-
-
-@pytest.mark.parametrize(
-    ("change", "refusal"),
-    [
-        (lambda data: data[:-1], "rans-length"),
-        (lambda data: data + bytes(4), "rans-last-word"),
-        (lambda data: data[4:], "rans-seal"),
-        (lambda data: bytes(4) + data, "rans-seal"),
-    ],
-)
-def test_damaged_streams_are_refused(change: Callable[[bytes], bytes], refusal: str) -> None:
-    """Cut, lengthened, and with a word less or more."""
-    numbers = [("a", n * n) for n in range(40)]
-
-    def read_all() -> None:
-        reader = NumberReader(change(written(numbers)), "x")
-        for name, _ in numbers:
-            reader.number(name)
-        reader.finish()
-
-    refuses(refusal, read_all)

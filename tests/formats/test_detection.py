@@ -212,10 +212,3 @@ def test_real_scenes_have_their_published_counts(shared_data: Path, name: str, c
     scene = read_scene(shared_data / "splats" / name)
     assert (len(scene), scene.sh_degree) == (count, degree)
     assert not scene.invalid_rows().any()
-
-
-@pytest.mark.scene
-def test_real_anchor_model(shared_data: Path) -> None:
-    model = load(shared_data / "anchors" / "plush-on-bed.npz")
-    assert (len(model), model.slots, model.features.shape[1]) == (38489, 10, 50)
-    assert set(model.mlps) == {"opacity", "cov", "color"}

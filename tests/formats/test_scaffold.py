@@ -16,7 +16,6 @@ import pytest
 from reference_decoder.anchors import gaussians
 from scarfmt.errors import InvalidInput
 from scarfmt.formats import load
-from scarfmt.formats.anchor_npz import save_anchor_npz
 from scarfmt.formats.source import Source
 from scarfmt.formats.torch_archive import tensors
 from scarfmt.render.camera import look_at
@@ -122,12 +121,6 @@ def test_the_last_iteration_of_a_training_is_read(tmp_path: Path) -> None:
     written(first, tmp_path / "point_cloud" / "iteration_7000")
     written(last, tmp_path / "point_cloud" / "iteration_30000")
     np.testing.assert_allclose(picture(read(tmp_path)), picture(last), rtol=0, atol=1e-5)
-
-
-def test_it_converts_to_an_npz_that_looks_the_same(tmp_path: Path) -> None:
-    model = read(written(source_model(), tmp_path))
-    save_anchor_npz(model, tmp_path / "model.npz")
-    assert np.array_equal(picture(read(tmp_path / "model.npz")), picture(model))
 
 
 def refusal_of(act: Callable[[], object]) -> str | None:

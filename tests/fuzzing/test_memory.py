@@ -2,11 +2,8 @@
 
 from __future__ import annotations
 
-import random
-import signal
 import subprocess
 import sys
-import time
 from collections.abc import Callable
 from pathlib import Path
 
@@ -18,14 +15,10 @@ from conformance.surgery.parts import block_added, change_pages, remake
 from conformance.surgery.reseal import reseal
 from conformance.writer.pages import Pages
 from fuzz.bombs import build, scales
-from fuzz.testing.scenes import random_scene
 from scarfmt.blocks.tables import pack_tables
-from scarfmt.coding.writer import write_scene
 from scarfmt.container.schema import BlockKind, Stream
-from scarfmt.container.source import BytesSource
 from scarfmt.entropy.keys import TableKey
 from scarfmt.entropy.symbol_tables import SymbolTable
-from scarfmt.tools.truncate import truncate
 
 ROOM = 100 << 20
 """Memory that a refusal may take beside the interpreter and its libraries."""
@@ -114,38 +107,3 @@ def test_a_bomb_is_refused_within_100_mib(name: str) -> None:
     decoding, validating, seconds = done.stdout.split()
     assert (decoding.decode(), validating.decode()) == (refusal, refusal)
     assert float(seconds) < 30  # a hang, not a slow machine, is what this tells apart
-
-
-def _interrupted(command: list[str], target: Path, outcomes: set[bytes], times: int, longest: float) -> int:
-    """Kill a command so many times; how often it had finished. The target is always one of the outcomes."""
-    rng, finished = random.Random(1), 0
-    for _ in range(times):
-        process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
-        time.sleep(rng.uniform(0, longest))
-        process.send_signal(signal.SIGKILL)
-        finished += process.wait() == 0
-        assert target.read_bytes() in outcomes
-        litter = [path.name for path in target.parent.iterdir() if path != target]
-        assert all(name.startswith(f".{target.name}.") and name.endswith(".part") for name in litter), litter
-    return finished
-
-
-def _length_of_a_run(command: list[str]) -> float:
-    start = time.monotonic()
-    subprocess.run(command, check=True, capture_output=True)
-    return time.monotonic() - start
-
-
-@pytest.mark.parametrize("times", [6, pytest.param(100, marks=pytest.mark.slow)])
-def test_killed_truncations_leave_the_old_file_or_the_new(tmp_path: Path, times: int) -> None:
-    """Never a half; what else is left has the temporary name that is documented."""
-    source, target = tmp_path / "in.scar", tmp_path / "out" / "scene.scar"
-    source.write_bytes(write_scene(random_scene(3, anchors=4000, layers=3, tiles=3)))
-    target.parent.mkdir()
-    command = [sys.executable, "-m", "scarfmt", "truncate", str(source), str(target), "--layers", "2", "--force"]
-    longest = _length_of_a_run(command)
-    new = truncate(BytesSource(source.read_bytes()), 2)
-    assert target.read_bytes() == new
-    old = b"old"
-    target.write_bytes(old)
-    _interrupted(command, target, {old, new}, times, 1.2 * longest)

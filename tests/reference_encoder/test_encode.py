@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -12,7 +11,6 @@ import pytest
 from reference_decoder.decode import decode
 from reference_encoder.encode import Encoded, EncodeOptions, encode
 from scarfmt.container.source import BytesSource
-from scarfmt.errors import InvalidInput
 from scarfmt.formats import load
 from scarfmt.render.camera import orbit_cameras
 from scarfmt.render.compare import compare
@@ -60,17 +58,6 @@ def test_every_layer_looks_better(scene: GaussianScene, data: bytes) -> None:
     assert found[-1] > 37
 
 
-def test_quality_buys_bytes(scene: GaussianScene, data: Encoded) -> None:
-    """A file for 10 dB more is larger and, from views that played no part, better by about as much.
-
-    In a scene of so few Gaussians quality jumps where lambda moves a little: each is met within 1.3 dB.
-    """
-    better = encode(scene, EncodeOptions(effort=1, layers=4, quality=50))
-    assert len(better) > len(data)
-    assert data.quality.mean_db == pytest.approx(40, abs=1.3)
-    assert better.quality.mean_db == pytest.approx(50, abs=1.3)
-
-
 @pytest.mark.parametrize("effort", [1, 2])
 def test_quality_is_what_was_asked_for(scene: GaussianScene, effort: int) -> None:
     """Over views that nothing was decided by; the file says the same, and what the user annotated."""
@@ -101,24 +88,6 @@ def test_worst_asks_for_a_floor(scene: GaussianScene) -> None:
     made = encode(scene, EncodeOptions(effort=1, layers=2, worst=32))
     assert made.quality.low_db == pytest.approx(32, abs=1)
     assert made.quality.mean_db > 34
-
-
-@pytest.mark.parametrize(
-    "options",
-    [
-        {"quality": 5.0},
-        {"worst": 90.0},
-        {"effort": 3},
-        {"effort": 0, "cameras": []},
-        {"layers": 0},
-        {"layers": 17},
-        {"tile_anchors": 1023},
-    ],
-)
-def test_bad_options_are_refused(scene: GaussianScene, options: dict[str, Any]) -> None:
-    """Options out of range are named."""
-    with pytest.raises(InvalidInput, match="input-options"):
-        encode(scene, EncodeOptions(**options))
 
 
 @pytest.mark.scene

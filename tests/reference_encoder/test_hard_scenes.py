@@ -16,7 +16,6 @@ from scarfmt.container.source import BytesSource
 from scarfmt.scene.gaussians import GaussianScene
 from scarfmt.tools.inspection import inspect
 from scarfmt.tools.validate import validate
-from tests.samples.codec_samples import refuses
 
 
 def cloud(count: int, degree: int = 0, seed: int = 0, spread: float = 1.0) -> GaussianScene:
@@ -111,11 +110,6 @@ def test_zero_rest_coefficients_cost_nothing() -> None:
     streams = inspect(BytesSource(data))["layers"]
     assert all(layer["streams"]["indices"] == 0 and layer["streams"]["latent"] == 0 for layer in streams)
     assert decode(data).scene.sh_degree == 3
-
-
-def test_empty_scene_is_refused() -> None:
-    """Nothing to encode is said clearly."""
-    refuses("input-empty", lambda: encode(cloud(3).take(np.zeros(0, np.int64)), QUICK))
 
 
 @pytest.mark.parametrize("huge", [1 << 20, -(1 << 20)])

@@ -110,15 +110,6 @@ def test_a_view_looks_as_far_as_the_middle_of_all_is_ahead() -> None:
     assert describe_view(camera, behind).target == pytest.approx([0, 0, 0.05 * np.hypot(1.6, 4.0)])
 
 
-def test_the_first_view_is_amid_the_cameras(scene: QuantisedScene) -> None:
-    """One camera far from the others is not it."""
-    others = [
-        look_at(np.array([-6.0 + 0.1 * k, 0.0, 3.0]), np.array([-6.0, 0.0, 0.0]), UP, 160, 120, 50.0) for k in range(20)
-    ]
-    view = build(scene, replace(OPTIONS, cameras=[NEAR_RIGHT, *others])).view
-    assert view.position[0] < 0
-
-
 def test_files_of_a_single_tile_have_a_view_too(source: GaussianScene) -> None:
     """Of one tile there is no choice, but of places to look from there is."""
     options = replace(OPTIONS, tile_anchors=4096)

@@ -14,7 +14,6 @@ from scarfmt.arrays import Ints
 from scarfmt.blocks.tables import fit_table, table_bits
 from scarfmt.entropy.emitters import Emitter, SymbolCounter, SymbolWriter
 from scarfmt.entropy.keys import CONTEXTS, TableKey
-from scarfmt.entropy.symbol_reader import SymbolReader
 from scarfmt.entropy.symbol_tables import SymbolTable
 from scarfmt.errors import InvalidInput, LimitExceeded, ScarError, Unsupported
 
@@ -47,21 +46,6 @@ def cost_bits(put: Put) -> float:
         table = fit_table(alphabet, counts)
         bits += table.cost_of_counts(alphabet, counts) + table_bits(table)
     return bits
-
-
-def reader_of(put: Put) -> SymbolReader:
-    """A reader positioned at the start of what `put` emits: for round trips and for crafted streams."""
-    return SymbolReader(*coded(put))
-
-
-def emitting(*groups: tuple[TableKey, list[int]]) -> SymbolReader:
-    """A reader of a stream of exactly these groups, whatever a codec would say to them."""
-
-    def put(emitter: Emitter) -> None:
-        for key, values in groups:
-            emitter.emit(key, np.array(values, np.int64))
-
-    return reader_of(put)
 
 
 def refuses(

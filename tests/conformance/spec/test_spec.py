@@ -7,10 +7,8 @@ import re
 import struct
 
 import numpy as np
-import pytest
 from scarfmt_conformance.archive import read
 
-from conformance.decoders.python import arithmetic as readable_arithmetic
 from conformance.spec import worked_network
 from conformance.spec.spec_tables import generate
 from conformance.spec.spec_text import ROOT, refusal_classes, text
@@ -22,7 +20,6 @@ from scarfmt.coding.reader import SceneReader
 from scarfmt.coding.work import compute_work
 from scarfmt.container.schema import SIGNATURE, VERSION, BlockFlag, Stream
 from scarfmt.container.source import BytesSource
-from scarfmt.neural import tables
 from scarfmt.neural.evaluator import Evaluator
 from scarfmt.scene import model
 
@@ -82,12 +79,6 @@ def test_registries_are_the_enums() -> None:
     assert {row[1].strip("`"): int(row[0]) for row in rows(section("16.6"))} == {e.name: int(e) for e in Stream}
     listed = {row[2].strip("`"): (int(row[0]), int(row[1])) for row in rows(section("16.4"))}
     assert listed == {flag.name: (int(flag).bit_length() - 1, int(flag)) for flag in BlockFlag}
-
-
-@pytest.mark.parametrize("name", ["TANH", "SIGMOID", "EXP2"])
-def test_function_tables_are_those_of_the_readable_decoder(name: str) -> None:
-    """It has them from the text; the text has them from the package."""
-    assert list(getattr(tables, name)) == getattr(readable_arithmetic, name)
 
 
 def evaluated(what: str) -> list[int]:

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 from click.testing import CliRunner
-from scarfmt_conformance.archive import members, names, pack, unpack
+from scarfmt_conformance.archive import members, names, pack
 from scarfmt_conformance.manifest import check_file, find_suite, load_expectation, open_suite
 
 from scarfmt.cli import cli
@@ -41,12 +41,6 @@ def test_equal_vectors_make_equal_archives(archive: Path, tmp_path: Path) -> Non
     """A wheel built twice is the same wheel."""
     pack(CONFORMANCE, tmp_path / "again.zip")
     assert (tmp_path / "again.zip").read_bytes() == archive.read_bytes()
-
-
-def test_the_archives_of_a_checkout_are_the_suite(archive: Path) -> None:
-    """The same files as from the one zip."""
-    with unpack(archive) as one, unpack(CONFORMANCE) as folder:
-        assert {p.relative_to(one) for p in one.rglob("*.*")} == {p.relative_to(folder) for p in folder.rglob("*.*")}
 
 
 def test_a_damaged_archive_is_a_fault_of_the_suite(archive: Path, tmp_path: Path) -> None:

@@ -11,6 +11,7 @@ from scarfmt_conformance.manifest import Selection, check_file, find_suite, load
 
 from scarfmt.errors import InvalidInput
 from tests.conformance.suite.conftest import SuiteWriter
+from tests.samples.codec_samples import refuses
 
 
 def test_the_suite_is_found_where_one_stands(
@@ -48,9 +49,7 @@ def test_a_manifest_that_is_none_is_refused(suite: SuiteWriter, change: dict[str
     if value["bitstream"] == "missing":
         del value["bitstream"]
     path.write_text(json.dumps(value))
-    with pytest.raises(InvalidInput, match=r"manifest\.json") as caught:
-        load_suite(folder)
-    assert caught.value.refusal == "input-suite"
+    refuses("input-suite", lambda: load_suite(folder), r"manifest\.json")
 
 
 @pytest.mark.parametrize(
@@ -96,9 +95,7 @@ def test_an_expectation_that_is_none_is_refused(suite: SuiteWriter, text: str) -
     folder = suite.decoded("valid/a")
     (vector,) = suite.load().vectors
     (folder / "expect.json").write_text(text)
-    with pytest.raises(InvalidInput, match=r"expect\.json") as caught:
-        load_expectation(vector)
-    assert caught.value.refusal == "input-suite"
+    refuses("input-suite", lambda: load_expectation(vector), r"expect\.json")
 
 
 @pytest.mark.parametrize(

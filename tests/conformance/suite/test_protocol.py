@@ -7,19 +7,10 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from scarfmt_conformance.protocol import (
-    Capabilities,
-    Fault,
-    Question,
-    Refusal,
-    Values,
-    command,
-    fill,
-    parse,
-    template,
-)
+from scarfmt_conformance.protocol import Capabilities, Fault, Question, Refusal, Values, command, fill, parse, template
 
 from scarfmt.errors import InvalidInput
+from tests.samples.codec_samples import refuses
 
 
 def test_a_command_is_split_as_a_shell_would_and_filled_without_one() -> None:
@@ -50,9 +41,7 @@ def test_a_command_without_a_place_is_refused(text: str, missing: str) -> None:
 
 @pytest.mark.parametrize("text", ["", "  ", "x 'open"])
 def test_a_command_that_is_none_is_refused(text: str) -> None:
-    with pytest.raises(InvalidInput) as caught:
-        command(text)
-    assert caught.value.refusal == "input-options"
+    refuses("input-options", lambda: command(text))
 
 
 def test_answers_are_told_apart() -> None:

@@ -58,11 +58,6 @@ def test_columns_come_in_any_order_and_type_and_after_other_elements(tmp_path: P
         find_inputs(str(path), 8)
 
 
-def test_rows_are_numbered_as_in_their_file(tmp_path: Path) -> None:
-    inputs = find_inputs(ply_of(clusters(50), tmp_path), 20)
-    assert [read(chunk.parts[0])[1].tolist() for chunk in inputs.chunks][2] == list(range(40, 50))
-
-
 def test_a_folder_is_its_files_by_name(tmp_path: Path) -> None:
     """Small files whose size is known share a chunk; others are one each."""
     files = {"b.ply": inria_ply(5), "a.spz": spz(3), "c.splat": splat()}

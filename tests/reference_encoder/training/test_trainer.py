@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from copy import deepcopy
 from dataclasses import replace
 from itertools import pairwise
 
@@ -64,23 +63,6 @@ def test_values_settle_on_their_mean_before_networks_are_fitted(capture: Capture
     trainer.finish()
     assert trainer.averaging.count == 0
     assert torch.allclose(trainer.state.anchors.latent, mean, atol=1e-6)
-
-
-def test_a_checkpoint_among_means_goes_on_to_the_same_values(capture: Capture) -> None:
-    """Also where half of the mean was taken before an interruption."""
-    whole = make_trainer(capture, OPTIONS)
-    for iteration in range(55):
-        whole.step(iteration / 60)
-    kept = deepcopy(whole.checkpoint())
-    second = make_trainer(capture, OPTIONS)
-    second.resume(kept)
-    assert second.averaging.count == whole.averaging.count == 2
-    for trainer in (whole, second):
-        for iteration in range(55, 60):
-            trainer.step(iteration / 60)
-        trainer.finish()
-    for name, values in whole.state.descent.parameters.items():
-        assert torch.equal(values, second.state.descent.parameters[name]), name
 
 
 def test_networks_look_from_about_the_camera() -> None:

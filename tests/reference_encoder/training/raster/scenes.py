@@ -10,7 +10,6 @@ from torch import Tensor
 
 from reference_encoder.training.raster import Gaussians
 from scarfmt.render.camera import Camera
-from scarfmt.scene.gaussians import GaussianScene
 
 
 def turned_camera(width: int = 32, height: int = 32) -> Camera:
@@ -74,11 +73,3 @@ SCENES = {"mixed": mixed, "stacked": stacked, "near": at_the_near_plane, "needle
 def leaves(scene: Gaussians, dtype: torch.dtype) -> Gaussians:
     """Copies of the tensors, with gradients."""
     return Gaussians(*(getattr(scene, one.name).to(dtype).clone().requires_grad_() for one in fields(Gaussians)))
-
-
-def as_scene(scene: Gaussians) -> GaussianScene:
-    """The scene as the measuring renderer takes it; colours are given to it separately."""
-    positions, log_scales, rotations = scene.centres.double(), scene.scales.log(), scene.rotations
-    logits = torch.logit(scene.opacities.double()).clamp(-50, 50).float()
-    sh = np.zeros((len(logits), 1, 3), np.float32)
-    return GaussianScene(positions.numpy(), log_scales.numpy(), rotations.numpy(), logits.numpy(), sh)

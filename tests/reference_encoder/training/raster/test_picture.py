@@ -11,10 +11,9 @@ from torch import Tensor
 
 from reference_encoder.training.raster import Gaussians, Picture, rasterise
 from scarfmt.render.camera import Camera
-from scarfmt.render.rasterise import render
 
 from .dense import Dense, render_dense
-from .scenes import SCENES, as_scene, leaves, mixed, stacked, turned_camera
+from .scenes import SCENES, leaves, mixed, stacked, turned_camera
 
 BACKGROUND = torch.tensor([0.3, 0.6, 1.0])
 TOLERANCE = 1e-4
@@ -44,7 +43,7 @@ def error(found: Tensor | None, expected: Tensor | None) -> float:
 
 @pytest.mark.parametrize(("name", "seed"), HARD)
 def test_gradients_of_every_input_are_those_of_dense_autograd(name: str, seed: int) -> None:
-    (here, background, picture), (there, background64, dense) = both(SCENES[name](seed), turned_camera())
+    (here, background, picture), (there, background64, dense) = both(SCENES[name](seed), turned_camera(40, 35))
     assert float((picture.image - dense.image).detach().abs().max()) < TOLERANCE
     for field in fields(Gaussians):
         found, expected = getattr(here, field.name).grad, getattr(there, field.name).grad
@@ -62,14 +61,6 @@ def test_the_hard_scenes_are_hard() -> None:
     assert dense.closed > 100
     picture = rasterise(mixed(0), turned_camera(), BACKGROUND)
     assert 5 < int(picture.shown.sum()) < 45
-
-
-@pytest.mark.parametrize(("name", "seed"), HARD)
-def test_draws_what_the_measuring_renderer_draws(name: str, seed: int) -> None:
-    scene, camera = SCENES[name](seed), turned_camera(45, 35)
-    image = rasterise(scene, camera, BACKGROUND).image
-    expected = render(as_scene(scene), camera, BACKGROUND.tolist(), colours=scene.colours.double().numpy())
-    np.testing.assert_allclose(image.numpy(), expected, rtol=0, atol=TOLERANCE)
 
 
 def test_the_same_bits_whatever_the_number_of_threads() -> None:
