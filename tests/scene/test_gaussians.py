@@ -15,8 +15,10 @@ from scarfmt.scene.gaussians import GaussianScene
 def made(kind: Callable[[NDArray[Any]], Any]) -> GaussianScene:
     """Gaussians of whole numbers, which all types hold, with arrays of a kind."""
     whole = np.random.default_rng(2).integers(-9, 9, (20, 23))
-    parts = whole[:, :3], whole[:, 3:6], whole[:, 6:10], whole[:, 10], whole[:, 11:].reshape(20, 4, 3)
-    return GaussianScene(*map(kind, parts))
+    sh = whole[:, 11:].reshape(20, 4, 3)
+    return GaussianScene(
+        kind(whole[:, :3]), kind(whole[:, 3:6]), kind(whole[:, 6:10]), kind(whole[:, 10]), kind(sh)
+    )
 
 
 @pytest.mark.parametrize(
@@ -43,5 +45,7 @@ def test_other_types_become_those_of_the_scene(kind: Callable[[NDArray[Any]], An
 def test_arrays_of_the_types_of_the_scene_are_taken_as_they_are() -> None:
     """What is written into them is written into the scene: nothing is copied."""
     positions = np.zeros((2, 3))
-    scene = GaussianScene(positions, *(np.zeros((2, n), np.float32) for n in (3, 4)), np.zeros(2), np.zeros((2, 1, 3)))
+    rows = np.zeros((2, 7), np.float32)
+    scene = GaussianScene(positions, rows[:, :3], rows[:, 3:], rows[:, 0], np.zeros((2, 1, 3), np.float32))
     assert scene.positions is positions
+    assert np.shares_memory(scene.rotations, rows)
