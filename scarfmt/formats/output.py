@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from scarfmt.arrays import F32, F64, Bools
 from scarfmt.container.registries import ColourSpace, CoordinateFrame, RenderModel
 from scarfmt.errors import InvalidInput
+from scarfmt.formats.clean import keep_edges
 from scarfmt.formats.quantise import FLAT_LOG_SCALE
 from scarfmt.scene.description import NOTHING_SAID, USUAL_UP, Description
 from scarfmt.scene.gaussians import GaussianScene
@@ -258,13 +259,14 @@ def check_float32(positions: NDArray[np.floating], scales: NDArray[np.floating],
 
 
 def finite(parts: Parts, title: str) -> Iterator[GaussianScene]:
-    """The parts that hold any Gaussian.
+    """The parts that hold any Gaussian, opaque and flat ones with finite numbers.
 
     Raises:
         InvalidInput: ``output-range``: a value is NaN or infinite; ``output-empty``, at the end: there was none.
     """
     count = 0
-    for part in parts:
+    for whole in parts:
+        part, _ = keep_edges(whole)
         bad = part.invalid_rows()
         if bad.any():
             row = count + int(np.argmax(bad))

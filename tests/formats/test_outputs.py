@@ -20,6 +20,7 @@ from hypothesis import strategies as st
 from scarfmt.container.registries import ColourSpace, CoordinateFrame
 from scarfmt.errors import InvalidInput
 from scarfmt.formats import output
+from scarfmt.formats.clean import keep_edges
 from scarfmt.formats.compressed_ply import morton_order
 from scarfmt.formats.frame import RUB_TO_RDF, flip_axes
 from scarfmt.formats.output import Described, Written
@@ -208,6 +209,16 @@ def test_values_that_are_not_finite_and_empty_scenes_are_refused(format_id: str)
     assert "Gaussian 1 " in str(caught.value)
     for parts in ([], [scene.take(np.zeros(0, np.int64))]):
         refuses("output-empty", lambda parts=parts: write_parts(format_id, parts, Described(1), io.BytesIO()))
+
+
+@pytest.mark.parametrize("format_id", ["compressed-ply", "spz", "glb", "splat", "sog"])
+def test_infinities_that_mean_something_are_written(format_id: str) -> None:
+    """Scenes that were not cleaned have them: `load` keeps what a file says."""
+    scene = odd_scene(5, 3, 1)
+    scene.opacity_logits[:2] = np.inf, -np.inf
+    scene.log_scales[2, 0] = -np.inf
+    finite = keep_edges(scene)[0]
+    assert written(format_id, scene)[0] == written(format_id, finite)[0]
 
 
 @pytest.mark.parametrize(
