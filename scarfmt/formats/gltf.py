@@ -282,6 +282,8 @@ _COMPRESSIONS = ("KHR_gaussian_splatting_compression_spz_2", "KHR_gaussian_splat
 """The draft, and the name its own text gives it in places."""
 _UNDERSTOOD = frozenset({EXTENSION, "KHR_mesh_quantization", "KHR_materials_unlit", *_COMPRESSIONS})
 _PRESENT = "export the scene by the extension's present text"
+_PICKED_OR_MOVED = frozenset({"indices", "targets", "JOINTS_0"})
+"""What of a primitive picks some of its vertices, or moves them."""
 _POSITIONS = frozenset({FLOAT, BYTE, UBYTE, SHORT, USHORT})
 _ROTATIONS = frozenset({FLOAT, BYTE, SHORT})
 _UNSIGNED = frozenset({FLOAT, UBYTE, USHORT})
@@ -486,6 +488,9 @@ def _check_terms(asset: Asset, primitive: dict[str, Any], compressed: bool) -> N
     for field, default in (("projection", PROJECTION), ("sortingMethod", SORTING)):
         if terms.get(field, default) != default:
             asset.source.warn(f"{field} {str(terms[field])[:40]!r} is taken for {default!r}")
+    members = primitive.keys() | asset.source.member(primitive, "attributes").keys()
+    for field in sorted(members & _PICKED_OR_MOVED):
+        asset.source.warn(f"{field} of Gaussians is not read: all are shown, where they stand at rest")
 
 
 def _harmonic_names(asset: Asset, attributes: dict[str, Any]) -> list[str]:

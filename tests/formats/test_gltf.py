@@ -243,6 +243,9 @@ def add_degree_4(document: Document) -> None:
         (lambda d: d["scenes"].append({"nodes": []}), "scenes are left out"),
         (lambda d: d.update(animations=[{"channels": [], "samplers": []}]), "animations are left out"),
         (add_degree_4, "degree 4 are left out"),
+        (lambda d: primitive(d).update(indices=0), "indices of Gaussians is not read"),
+        (lambda d: primitive(d).update(targets=[{"POSITION": 0}]), "targets of Gaussians is not read"),
+        (lambda d: primitive(d)["attributes"].update(JOINTS_0=0, WEIGHTS_0=0), "JOINTS_0 of Gaussians is not read"),
     ],
 )
 def test_what_is_left_out_is_told(change: Change, said: str) -> None:
