@@ -53,7 +53,7 @@ _TAR = slice(257, 262)
 """Where a tar archive has its mark."""
 _DOCUMENTS = (
     ({"asset", "geometricError", "root"}, "a tileset of 3D Tiles; give one of the .glb files it names"),
-    ({"totalSplats", "attributes"}, "a scene of XGRIDS, .lcc; export it as a PLY"),
+    ({"totalSplats"}, "a scene of XGRIDS, .lcc or .lcc2; export it as a PLY"),
     ({"means", "opacities"}, "the output of gsplat's PngCompression; decompress it there, and export it as a PLY"),
     ({"frames"}, "a list of cameras, no scene; give it to --cameras"),
 )
@@ -107,6 +107,8 @@ def _contents(names: tuple[str, ...], scenes: list[str]) -> str:
         return f"{len(scenes)} scenes, {', '.join(scenes[:3])}; unpack it, and give one"
     if any(name.endswith("data.pkl") for name in names):
         return "a checkpoint of PyTorch; export the scene from its trainer as a PLY"
+    if any(name.endswith(".npy") for name in names):
+        return "arrays of NumPy; make a scarfmt.GaussianScene of them, or export the scene as a PLY"
     return f"no scene in it: {', '.join(names[:3]) or 'nothing'}; expected one of {', '.join(_SCENES)}"
 
 
