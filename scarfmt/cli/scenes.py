@@ -13,6 +13,7 @@ import numpy as np
 from scarfmt.cli.files import STANDARD, open_input, read_origin
 from scarfmt.cli.progress import Tell
 from scarfmt.container.header import is_scar
+from scarfmt.container.registries import ColourSpace
 from scarfmt.errors import InputWarning
 from scarfmt.scene.gaussians import AnchorModel, GaussianScene
 
@@ -125,15 +126,26 @@ def load_subject(origin: SceneOrigin, layers: int | None = None) -> Subject:
     Raises:
         click.UsageError: `layers` for another kind of file.
         ScarError: the file is refused.
+
+    Warns:
+        InputWarning: its colours are linear light.
     """
+    subject = _subject(_load(origin, layers))
+    if subject.placed.description.colour_space == ColourSpace.LINEAR:
+        message = f"{_describe_origin(origin)}: its colours are linear light, and drawn as if they were sRGB: too dark"
+        warnings.warn(message, InputWarning, stacklevel=2)
+    return subject
+
+
+def _load(origin: SceneOrigin, layers: int | None) -> GaussianScene | AnchorModel:
     if is_scar(origin):
-        return _subject(_decode(origin, layers))
+        return _decode(origin, layers)
     if layers is not None:
         raise _no_layers(origin)
     from scarfmt.formats import load
     from scarfmt.formats.clean import clean
 
-    return _subject(clean(load(origin), drop_invalid=True)[0])
+    return clean(load(origin), drop_invalid=True)[0]
 
 
 def _decode(origin: SceneOrigin, layers: int | None) -> GaussianScene | AnchorModel:

@@ -11,12 +11,13 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from scarfmt.formats.gltf import EXTENSION, LINEAR, SRGB
 from scarfmt.render.camera import Camera, orbit_cameras
 from scarfmt.render.images import read_image, write_png
 from scarfmt.render.metrics import psnr
 from scarfmt.render.rasterise import render
 from tests.cli.conftest import gaussians, run
-from tests.formats.scene_files import scene_ply
+from tests.formats.scene_files import glb, gltf_document, scene_ply
 from tests.render.capture import files
 
 SMALL = ("--size", "64x48", "--views", 2, "--from", "survey")
@@ -231,6 +232,18 @@ def test_a_file_cut_short_is_drawn_as_far_as_it_goes_and_that_is_said(encoded: P
     assert len(compare_json(encoded, cut, *SMALL, "--all-layers")["layers"]) == 1
     assert said in run("render", cut, tmp_path / "a.png", *SMALL).stderr
     assert said not in run("render", cut, tmp_path / "b.png", *SMALL, "--layers", 1).stderr
+
+
+def test_linear_colours_are_told_of(tmp_path: Path) -> None:
+    """The numbers of the files are the same, but what other programs show of them is not."""
+    document, data = gltf_document()
+    names = tmp_path / "srgb.glb", tmp_path / "linear.glb"
+    for name, space in zip(names, (SRGB, LINEAR), strict=True):
+        document["meshes"][0]["primitives"][0]["extensions"][EXTENSION]["colorSpace"] = space
+        name.write_bytes(glb(document, data))
+    warnings = run("compare", *names, *SMALL).stderr
+    assert "linear.glb: its colours are linear light" in warnings
+    assert "srgb.glb" not in warnings
 
 
 def test_render_refuses_names_of_other_pictures(ply: Path, tmp_path: Path) -> None:
