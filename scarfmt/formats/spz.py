@@ -48,6 +48,8 @@ MAGIC = b"NGSP"
 COLOUR_SCALE = 0.15  # README: "wide RGB", f_dc = (byte / 255 - 0.5) / 0.15
 _ANTIALIASED, _HAS_EXTENSIONS, _TREE = 0x1, 0x2, 0x80
 _NODE_BYTES = 6
+_FIRST_PLAIN = 4
+"""The first version that is no gzip file."""
 _HEAD = 512
 """Bytes that hold the header, gzipped or not."""
 _ORBIT, _COORDINATE_SYSTEM = 0xADBE0002, 0xADBE0003
@@ -60,11 +62,15 @@ _MAX_EXTENSION_BYTES = 1 << 20
 
 
 def sniff(source: Source) -> bool:
-    """Whether the content starts as SPZ, within gzip or not."""
+    """Whether the content starts as SPZ, versions before 4 within gzip.
+
+    A later one within gzip is a file that somebody packed.
+    """
     try:
-        return _head(source)[:4] == MAGIC
+        head = _head(source)
     except zlib.error:
         return False
+    return head[:4] == MAGIC and (source.head(2) != GZIP or int.from_bytes(head[4:8], "little") < _FIRST_PLAIN)
 
 
 def _head(source: Source) -> bytes:
@@ -171,8 +177,10 @@ def _read_gzip(source: Source) -> Stored:
     if header[0] > 3:
         raise source.corrupt("SPZ version 4 is not gzipped")
     body = memoryview(whole)[16:]
-    if len(body) < sum(sizes) + nodes or not is_all:
+    if len(body) < sum(sizes) + nodes:
         raise source.corrupt(f"{len(body)} bytes of attributes, expected {sum(sizes) + nodes}")
+    if not is_all:
+        raise source.corrupt("the gzip stream has no end, or holds far more than the attributes")
     bounds = np.cumsum([0, *sizes])
     data = np.frombuffer(body, np.uint8)
     streams = [data[start:end] for start, end in itertools.pairwise(bounds)]

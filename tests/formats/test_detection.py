@@ -123,7 +123,7 @@ def test_what_is_no_scene_is_named(given: bytes, said: str) -> None:
     refuses("input-format", lambda: load(given), said)
 
 
-@pytest.mark.parametrize("name", ["ply", "spz v3", "splat", "sog"])
+@pytest.mark.parametrize("name", ["ply", "spz v3", "spz v4", "splat", "sog"])
 def test_a_packed_scene_is_unpacked(name: str, tmp_path: Path) -> None:
     data = EXAMPLES[name]
     ending = name.split()[0]
