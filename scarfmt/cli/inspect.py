@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from scarfmt.cli.files import check_stdout, open_input, open_output, timeout_option
+from scarfmt.cli.files import check_stdout, open_input, open_output, read_origin, timeout_option
 from scarfmt.cli.report import Report, reports
 
 if TYPE_CHECKING:
@@ -47,10 +47,11 @@ def inspect(file: str, metadata: bool, models: bool, streaming: bool, thumbnail:
     from scarfmt.tools import inspection
 
     check_stdout()
-    if (other := _other_scene(file)) is not None:
+    origin = read_origin(file)
+    if (other := _other_scene(origin)) is not None:
         return other
     head_bytes = None if metadata or models or streaming or thumbnail else _HEAD_BYTES
-    with open_input(file, head_bytes=head_bytes) as source:
+    with open_input(origin, head_bytes=head_bytes) as source:
         report = inspection.inspect(source, metadata=metadata)
         if models:
             from scarfmt.tools.models_report import describe_models
@@ -90,9 +91,9 @@ def _write_thumbnail(source: ByteSource, file: str, name: str, force: bool) -> N
         target.write(picture)
 
 
-def _other_scene(file: str) -> Report | None:
+def _other_scene(file: str | bytes) -> Report | None:
     """The report on a scene that is no .scar file; None for a .scar file, and where only its reader can tell."""
-    if "://" in file or file.endswith(".scar") or not Path(file).exists() or Path(file).is_fifo():
+    if isinstance(file, str) and ("://" in file or file.endswith(".scar") or not Path(file).exists()):
         return None
     from dataclasses import asdict
 

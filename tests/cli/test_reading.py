@@ -186,3 +186,4 @@ def test_inspect_reports_scenes_of_other_formats(tmp_path: Path) -> None:
     report = json.loads(run("inspect", path, "--json").stdout)
     assert report["format"] == "ply"
     assert (report["gaussians"], report["sh_degree"], report["render_model"]) == (3, 1, "antialiased")
+    assert json.loads(run("inspect", "-", "--json", input=path.read_bytes()).stdout) == report
