@@ -48,6 +48,15 @@ def test_extras_named_exist(path: Path) -> None:
         assert set((found[1] or found[2]).split(",")) <= set(EXTRAS), found[0]
 
 
+def test_the_guide_lists_every_extra_and_what_it_brings() -> None:
+    guide = (REPOSITORY / "docs" / "compress.md").read_text(encoding="utf-8")
+    found = re.findall(r"^\| `?(\w+)`? \|.*\| (.*) \|$", guide, re.M)
+    rows = {name: set(brought.split(", ")) for name, brought in found}
+    needed = {"none": PROJECT["dependencies"], **EXTRAS}
+    del needed["dev"]
+    assert {name: rows.get(name) for name in needed} == {name: names(wanted) for name, wanted in needed.items()}
+
+
 def test_the_version_is_written_once_and_others_take_or_repeat_it() -> None:
     """Distributions take it; the npm package, the citation and the change log repeat it, the latter with one date."""
     assert PROJECT["dynamic"] == SUITE["dynamic"] == ["version"]
