@@ -1,4 +1,4 @@
-"""Judging: levels over all views and by kind, bytes at equal quality, and the tables made of them."""
+"""Judging: levels over all views and by kind, bytes at equal quality, and the curve that bounds a set of files."""
 
 from __future__ import annotations
 
@@ -6,8 +6,12 @@ from typing import Any
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
-from benchmarks.judge import EQUAL_DB, LEVELS, equal_bytes, format_levels, judge, summarise, worst_kind
+from benchmarks.judge import EQUAL_DB, LEVELS, bytes_at, equal_bytes, format_levels, judge, summarise, worst_kind
+from benchmarks.time import bytes_at_equal_error
+from benchmarks.trained import find_frontier
 from benchmarks.views import View
 from scarfmt.cli.scenes import Subject
 from scarfmt.render.camera import look_at
@@ -48,3 +52,44 @@ def test_equal_bytes_lie_between_the_files_around_and_are_never_extrapolated() -
     assert equal_bytes([], row(0, 20, 20, 20)) is None
     larger_but_worse = [row(100, 40, 40, 40), row(200, 44, 44, 44), row(300, 42, 42, 42)]
     assert equal_bytes(larger_but_worse, row(0, 44, 44, 44)) == pytest.approx(200)
+
+
+def effort_run(effort: int, psnr: float, size: int) -> dict[str, Any]:
+    return {"effort": effort, "psnr_db": psnr, "bytes": size}
+
+
+def test_efforts_are_compared_where_all_have_files_on_both_sides() -> None:
+    """At the best PSNR of the lower quality; halfway in dB is the geometric mean of bytes."""
+    runs = [effort_run(1, 40.0, 100), effort_run(1, 44.0, 400), effort_run(2, 42.0, 150), effort_run(2, 43.0, 300)]
+    goal, equal = bytes_at_equal_error(runs)
+    assert goal == 42.0
+    assert equal == pytest.approx({1: 200.0, 2: 150.0})
+    with pytest.raises(ValueError, match="both sides"):
+        bytes_at_equal_error([*runs[:1], effort_run(1, 41.0, 120), *runs[2:]])
+
+
+POINTS = st.lists(st.tuples(st.integers(10, 40).map(float), st.integers(1, 1000).map(float)), min_size=1, max_size=12)
+
+
+@given(POINTS)
+def test_no_point_lies_below_the_frontier_and_it_bends_upwards(points: list[tuple[float, float]]) -> None:
+    hull = find_frontier(points)
+    assert set(hull) <= set(points)
+    decibels, sizes = np.array(hull).T
+    slopes = np.diff(np.log(sizes)) / np.diff(decibels)
+    assert (np.diff(decibels) > 0).all()
+    assert (slopes > 0).all()
+    assert (np.diff(slopes) > -1e-9).all()
+    for psnr, size in points:
+        least = bytes_at(hull, max(psnr, decibels[0]))
+        assert least is not None
+        assert size >= least * (1 - 1e-9)
+
+
+def test_between_two_points_lies_their_line_and_beyond_them_nothing() -> None:
+    hull = find_frontier([(20.0, 100.0), (22.0, 400.0), (21.0, 250.0), (19.0, 120.0)])
+    assert hull == [(20.0, 100.0), (22.0, 400.0)]
+    assert bytes_at(hull, 21.0) == pytest.approx(200.0)
+    assert bytes_at(hull, 19.9) is None
+    assert bytes_at(hull, 22.1) is None
+    assert bytes_at([], 22.1) is None

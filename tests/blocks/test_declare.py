@@ -79,24 +79,6 @@ def test_what_is_packed_is_read(values: dict[str, Any]) -> None:
             np.testing.assert_array_equal(found[name], value)
 
 
-@given(things(), st.data())
-def test_a_cut_payload_is_refused(values: dict[str, Any], data: st.DataObject) -> None:
-    payload = build(THING, values)
-    cut = payload[: data.draw(st.integers(0, len(payload) - 1))]
-    refuses("payload-short", lambda: read(THING, cut, "thing"))
-
-
-def test_a_rule_is_applied_where_it_stands() -> None:
-    """Before the bytes after it are looked at, after those before it."""
-    refuses("bad-thing", lambda: read(THING, b"\2", "thing"))
-    refuses("payload-short", lambda: read(THING, b"", "thing"))
-
-
-def test_nothing_may_follow() -> None:
-    payload = build(THING, _thing(0, 0, [], []))
-    refuses("payload-long", lambda: read(THING, payload + b"\0", "thing"))
-
-
 ADAPTIVE = NumberRecord("n" / Number(limit=9), "numbers" / ShiftedNumbers("n"), "more" / Number("signed", times="n"))
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Set
 from dataclasses import replace
 
+import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -21,7 +22,7 @@ from scarfmt.container.source import BytesSource
 from scarfmt.container.substreams import pack_substreams, unpack_table
 from scarfmt.errors import Malformed, Truncated
 from tests.samples.codec_samples import refuses
-from tests.samples.contents import ATTRIBUTES
+from tests.samples.contents import ATTRIBUTES, arrays_of
 from tests.samples.equality import same
 
 
@@ -41,6 +42,18 @@ def test_the_order_of_tiles_changes_nothing(scene: QuantisedScene, random: objec
     assert [tile for tile, _ in found] == order
     assert all(same(content, scene.contents[tile]) for tile, content in found)
     assert list(reader.tiles(models, [])) == []
+
+
+def test_the_head_of_a_tile_is_the_tile_itself() -> None:
+    """A layer is read into a view of the arrays that hold all layers."""
+    whole = random_scene(1, Profile.ANCHOR, anchors=30, tiles=1).contents[0]
+    head = whole.head(12)
+    assert len(head) == 12
+    for part, array in zip(arrays_of(head), arrays_of(whole), strict=True):
+        assert part.shape[1:] == array.shape[1:]
+        assert part.size == 0 or np.shares_memory(part, array)
+    head.classes[:] = 7
+    assert (whole.classes == 7).sum() == 12
 
 
 def test_subsets_read_less() -> None:

@@ -9,8 +9,6 @@ from collections.abc import Callable
 from functools import partial
 
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from conformance.surgery.parts import flip_bits
 from scarfmt.container.file import Block, Container, Tile, write_container
@@ -20,17 +18,7 @@ from scarfmt.container.source import BytesSource
 from scarfmt.errors import LimitExceeded, Malformed, ScarError, Truncated
 from scarfmt.limits import FORMAT_LIMITS, FREE_ANCHORS, Limits
 from tests.samples.codec_samples import refuses
-from tests.samples.container_samples import (
-    COUNTS,
-    FIELDS,
-    TILES,
-    containers,
-    edit,
-    get,
-    locate,
-    sample_blocks,
-    sample_file,
-)
+from tests.samples.container_samples import COUNTS, FIELDS, TILES, edit, get, locate, sample_blocks, sample_file
 
 
 def read_all(data: bytes, limits: Limits = FORMAT_LIMITS) -> list[bytes]:
@@ -49,23 +37,8 @@ def refusal_of(data: bytes, error: type[ScarError], **options: Limits) -> ScarEr
 # ------------------------------------------------------------------------------------------------ round trips
 
 
-@given(containers(), st.integers(0, 3), st.randoms())
-def test_what_is_written_is_read_back(arguments: tuple, page_bits: int, random: object) -> None:
-    """Header, tiles, directory and payloads survive, whatever the pages and the order of the blocks given."""
-    fields, tiles, blocks, counts = arguments
-    data = write_container(fields, tiles, blocks, counts, page_bits)
-    shuffled = list(blocks)
-    random.shuffle(shuffled)
-    assert write_container(fields, tiles, shuffled, counts, page_bits) == data
-    container = Container(BytesSource(data), limits=FORMAT_LIMITS, readable_kinds=range(256))
-    assert container.header.fields == fields
-    assert list(container.tiles) == tiles
-    assert [(s.anchor_count, s.gaussian_count) for s in container.header.layers] == counts
-    assert container.header.file_length == len(data)
-    assert len(container.entries) == len(blocks)
-    for block in blocks:
-        entry = container.find(block.kind, block.layer, block.tile)
-        assert (entry.count, container.read_block(entry)) == (block.count, block.payload)
+def test_the_order_of_the_blocks_given_changes_nothing() -> None:
+    assert write_container(FIELDS, TILES, sample_blocks()[::-1], COUNTS) == sample_file()
 
 
 def test_opening_reads_the_header_and_the_directory_reads_itself() -> None:
@@ -116,11 +89,6 @@ def test_errors_point_at_the_broken_field(table: str, row: int, name: str, value
 @pytest.mark.parametrize(
     ("table", "row", "name", "value", "limits", "refusal"),
     [
-        (H, 0, "tile_count", (1 << 20) + 1, Limits(), "limit-tiles"),
-        (H, 0, "root_length", (1 << 24) + 1, Limits(), "limit-root"),
-        (H, 0, "anchor_count", (1 << 31) + 1, Limits(), "limit-anchors"),
-        (H, 0, "gaussian_count", (1 << 36) + 1, Limits(), "limit-gaussians"),
-        (H, 0, "anchor_count", FREE_ANCHORS + len(BASE) + 1, Limits(), "limit-expansion"),
         (H, 0, "anchor_count", FREE_ANCHORS + 1, Limits(anchors_per_byte=0), "limit-expansion"),
         (H, 0, "render_model", 0, Limits(block_bytes=18), "limit-block-bytes"),
         (H, 0, "render_model", 0, Limits(tile_anchors=74), "limit-tile-anchors"),

@@ -7,15 +7,18 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
+from scarfmt_conformance.reference.observed import LayerRecord
 
 from scarfmt.arrays import Ints
 from scarfmt.blocks.tables import fit_table
+from scarfmt.container.schema import Stream
 from scarfmt.entropy.emitters import Emitter, SymbolCounter, SymbolWriter
 from scarfmt.entropy.keys import TableKey
 from scarfmt.entropy.recorded import SymbolRecorder
 from scarfmt.entropy.symbol_reader import SymbolReader
 from scarfmt.entropy.symbol_tables import SymbolTable
 from scarfmt.errors import InvalidInput
+from scarfmt.observe import ObservedReader
 from tests.samples.codec_samples import Recorder, coded, many_groups, refuses
 
 KEY = TableKey(3, 1, 2, 7)
@@ -162,3 +165,26 @@ def test_symbols_without_a_place_in_a_table_are_not_coded(table: dict[TableKey, 
     recorded = recorder.settle()
     refuses("input-symbol", lambda: writer.emit(KEY, np.array([1, 3])))
     refuses("input-symbol", lambda: recorded.code(table))
+
+
+def test_an_observed_reader_tells_the_frequencies_of_every_group() -> None:
+    """A table of one symbol counts, too, although it reads nothing; a group without symbols does not count."""
+    key, sure = TableKey(Stream.INDICES, 2, 0, 3), TableKey(Stream.INDICES, 1, 0, 0)
+    tables = {key: SymbolTable(np.array([-1, 4]), np.array([3, 1])), sure: SymbolTable(np.array([7]), np.array([5]))}
+    writer = SymbolWriter(tables)
+    writer.emit(key, np.array([4, -1]))
+    writer.emit_uniform(2, np.array([1]))
+    record = LayerRecord()
+    reader = ObservedReader(writer.finish(), tables, Stream.INDICES, record)
+    assert reader.read(sure, 0).tolist() == reader.read_uniform(3, 0).tolist() == []
+    assert not record.tables
+    assert reader.read(sure, 2).tolist() == [7, 7]
+    assert reader.read(key, 2).tolist() == [4, -1]
+    assert reader.read_uniform(2, 1).tolist() == [1]
+    reader.finish()
+    # c_1 = 3 * (2^24 - 2) // 4 + 1
+    assert {name: table.tolist() for name, table in record.tables.items()} == {
+        "frequencies.INDICES.1": [1 << 24],
+        "frequencies.INDICES.2": [12582911, 4194305],
+        "frequencies.INDICES": [1 << 23, 1 << 23],
+    }

@@ -86,22 +86,19 @@ def axes(quaternions: np.ndarray) -> np.ndarray:
     return np.asarray(np.einsum("nia,nja->naij", matrices, matrices))
 
 
-def test_its_ply_of_our_ply(scar: Path) -> None:
-    ours = scar.with_name("scene.ply")
-    assert_same(through_the_judge(ours), read_scene(ours))
+@pytest.mark.parametrize(
+    ("format_id", "options"),
+    [("ply", None), ("compressed-ply", None), ("spz", SpzOptions(3)), ("spz", SpzOptions(4))],
+)
+def test_it_reads_our_files_as_we_do(scar: Path, format_id: str, options: SpzOptions | None) -> None:
+    """Opacities of 0 and 255 it reads as a little more than nothing and less than all: half a step from ours.
 
-
-def test_it_reads_our_compressed_ply_as_we_do(scar: Path) -> None:
-    """Opacities of 0 and 255 it reads as a little more than nothing and less than all: half a step from ours."""
-    path = written(scar, "compressed-ply")
-    assert_same(through_the_judge(path), read_scene(path), 0.5 / 255 + 1e-6)
-
-
-@pytest.mark.parametrize("version", [3, 4])
-def test_it_reads_our_spz_as_we_do(scar: Path, version: int) -> None:
-    """The outside reader takes the axes of an SPZ for those of a PLY, so it sees the scene turned."""
-    path = written(scar, "spz", SpzOptions(version))
-    assert_same(flip_axes(through_the_judge(path), RUB_TO_RDF), read_scene(path), 0.5 / 255 + 1e-6)
+    The outside reader takes the axes of an SPZ for those of a PLY, so it sees the scene turned.
+    """
+    path = written(scar, format_id, options)
+    found = through_the_judge(path)
+    found = flip_axes(found, RUB_TO_RDF) if format_id == "spz" else found
+    assert_same(found, read_scene(path), 1e-6 if format_id == "ply" else 0.5 / 255 + 1e-6)
 
 
 def spz_streams(path: Path) -> list[bytes]:

@@ -123,14 +123,6 @@ def test_the_last_iteration_of_a_training_is_read(tmp_path: Path) -> None:
     np.testing.assert_allclose(picture(read(tmp_path)), picture(last), rtol=0, atol=1e-5)
 
 
-def refusal_of(act: Callable[[], object]) -> str | None:
-    try:
-        act()
-    except InvalidInput as error:
-        return error.refusal
-    return None
-
-
 def test_missing_networks_are_named(tmp_path: Path) -> None:
     written(source_model(), tmp_path)
     (tmp_path / "cov_mlp.pt").unlink()
@@ -194,7 +186,10 @@ def test_nothing_a_checkpoint_names_is_run() -> None:
     ],
 )
 def test_other_pickles_raise_nothing_but_refusals(pickled: bytes) -> None:
-    assert refusal_of(lambda: tensors(Source(archive_of(pickled)))) in (None, "input-corrupt")
+    try:
+        tensors(Source(archive_of(pickled)))
+    except InvalidInput as error:
+        assert error.refusal == "input-corrupt"  # noqa: PT017
 
 
 def tensor_of(size: bytes, stride: bytes, arguments: bytes = b"") -> bytes:
@@ -224,9 +219,9 @@ def test_sizes_are_bounded_numbers_before_anything_is_done_with_them() -> None:
         b"K\x01",
         b"(J\xff\xff\xff\xfft",
     ):
-        assert refusal_of(lambda size=size: read_tensor(tensor_of(size, one))) == "input-corrupt"
-        assert refusal_of(lambda size=size: read_tensor(tensor_of(one, size))) == "input-corrupt"
-    assert refusal_of(lambda: read_tensor(tensor_of(one, one, b"N" * 13))) == "input-corrupt"
+        refuses("input-corrupt", lambda size=size: read_tensor(tensor_of(size, one)))
+        refuses("input-corrupt", lambda size=size: read_tensor(tensor_of(one, size)))
+    refuses("input-corrupt", lambda: read_tensor(tensor_of(one, one, b"N" * 13)))
 
 
 def test_only_texts_and_numbers_lead_to_tensors() -> None:
@@ -237,7 +232,7 @@ def test_only_texts_and_numbers_lead_to_tensors() -> None:
     assert tensors(Source(archive_of(pickle.dumps({shared: 1, 2**70: 1, "a": 1}, 2)))) == {}
     for name in (shared, "x" * 300, 5):
         pickled = b"\x80\x04" + pickle.dumps(name, 2)[2:-1] + b"X\x01\0\0\0a\x93."
-        assert refusal_of(lambda pickled=pickled: tensors(Source(archive_of(pickled)))) == "input-corrupt"
+        refuses("input-corrupt", lambda pickled=pickled: tensors(Source(archive_of(pickled))))
     nested: dict[str, Any] = {}
     for _ in range(100):
         nested = {"": nested}

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from scarfmt.arrays import Ints
-from scarfmt.blocks.tables import fit_table, table_bits
+from scarfmt.blocks.tables import fit_table
 from scarfmt.entropy.emitters import Emitter, SymbolCounter, SymbolWriter
 from scarfmt.entropy.keys import CONTEXTS, TableKey
 from scarfmt.entropy.symbol_tables import SymbolTable
@@ -35,17 +35,6 @@ def coded(put: Put) -> tuple[bytes, dict[TableKey, SymbolTable]]:
     writer = SymbolWriter(tables)
     put(writer)
     return writer.finish(), tables
-
-
-def cost_bits(put: Put) -> float:
-    """Bits of what `put` emits, tables included."""
-    counter = SymbolCounter()
-    put(counter)
-    bits = counter.uniform_bits
-    for alphabet, counts in counter.histograms().values():
-        table = fit_table(alphabet, counts)
-        bits += table.cost_of_counts(alphabet, counts) + table_bits(table)
-    return bits
 
 
 def refuses(

@@ -5,8 +5,6 @@ from __future__ import annotations
 import struct
 import zlib
 
-from hypothesis import strategies as st
-
 from scarfmt.container.file import PAGE_BITS, Block, HeaderFields, Tile, write_container
 from scarfmt.container.schema import (
     CHECKSUM_SIZE,
@@ -20,7 +18,6 @@ from scarfmt.container.schema import (
     Stream,
     field_table,
 )
-from scarfmt.limits import MAX_FILE_LENGTH
 
 FIELDS = HeaderFields(Profile.EXPLICIT, 3, 1, 24, (-1.5, 0.0, 2.25), 0.001, 120, CoordinateFrame.RDF, ColourSpace.SRGB)
 TILES = [Tile(1, 2, 0), Tile(2, 3, 8), Tile(1, 2, 5)]
@@ -82,60 +79,3 @@ def refit(data: bytes, header_length: int, root_length: int) -> bytes:
     end = header_length - CHECKSUM_SIZE
     changed[end:header_length] = zlib.crc32(changed[:end]).to_bytes(4, "little")
     return bytes(changed)
-
-
-@st.composite
-def containers(draw: st.DrawFn) -> tuple[HeaderFields, list[Tile], list[Block], list[tuple[int, int]]]:
-    """Arguments of write_container that it must accept."""
-    profile = draw(st.sampled_from(Profile))
-    slots = draw(st.integers(1, 32)) if profile else 1
-    coordinate = st.floats(-1e307, 1e307)
-    fields = HeaderFields(
-        profile,
-        0 if profile else draw(st.integers(0, 3)),
-        slots,
-        draw(st.integers(21, 32)),
-        draw(st.tuples(coordinate, coordinate, coordinate)),
-        draw(st.floats(5e-324, 1e297)),
-        draw(st.integers(0, MAX_FILE_LENGTH)),
-    )
-    layers = draw(st.integers(1, 16))
-    tiles = draw(tile_tables(fields.lattice_bits))
-    blocks = draw(block_lists(layers, len(tiles)))
-    counts, anchors, gaussians = [], 0, 0
-    for layer in range(1, layers + 1):
-        anchors += sum(b.count for b in blocks if b.kind == BlockKind.TILE and b.layer == layer)
-        gaussians = draw(st.integers(gaussians, anchors * slots)) if profile else anchors
-        counts.append((anchors, gaussians))
-    return fields, tiles, blocks, counts
-
-
-@st.composite
-def tile_tables(draw: st.DrawFn, lattice_bits: int) -> list[Tile]:
-    """Disjoint cubes in Morton order, of mixed depths."""
-    tiles: list[Tile] = []
-    end = 0
-    for depth in draw(st.lists(st.integers(1, 21), max_size=6)):
-        unit = 1 << 3 * (21 - depth)
-        prefix = -(-end // unit) + draw(st.integers(0, 3))
-        if prefix >= 8**depth:
-            break
-        shift = draw(st.integers(max(0, lattice_bits - depth - 21), min(31, lattice_bits - depth)))
-        tiles.append(Tile(depth, shift, prefix))
-        end = (prefix + 1) * unit
-    return tiles
-
-
-@st.composite
-def block_lists(draw: st.DrawFn, layers: int, tiles: int) -> list[Block]:
-    """Blocks of unique (layer, kind, tile), in any order."""
-    payload = st.binary(min_size=1, max_size=12)
-    layer = st.integers(1, layers)
-    models = st.builds(Block, st.integers(1, 15), layer, payload, count=st.integers(0, 2**32 - 1))
-    private = st.builds(Block, st.integers(128, 255), layer, payload, flags=st.sampled_from([0, 2]))
-    metadata = st.builds(Block, st.just(64), st.just(1), payload)
-    kinds = [models, private, metadata]
-    if tiles:
-        index = st.integers(0, tiles - 1)
-        kinds.append(st.builds(Block, st.just(16), layer, payload, index, st.integers(0, 65536), st.just({3: 1})))
-    return draw(st.lists(st.one_of(kinds), max_size=12, unique_by=lambda b: (b.layer, b.kind, b.tile)))

@@ -43,8 +43,9 @@ def covers(rows: list[Row], size: int) -> None:
     assert at == size
 
 
-@pytest.mark.parametrize("pattern", ["valid/*", "edge/*", "worked"])
-@pytest.mark.parametrize("full", [False, True])
+@pytest.mark.parametrize(
+    ("pattern", "full"), [("valid/*", False), ("valid/*", True), ("edge/*", True), ("worked", False), ("worked", True)]
+)
 def test_every_byte_of_a_decodable_vector_has_one_row(pattern: str, full: bool) -> None:
     """Nothing is left unread, whether abbreviated or full; `dumped` checks that every byte is covered."""
     wrong = []

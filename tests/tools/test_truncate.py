@@ -6,33 +6,16 @@ import dataclasses
 import io
 
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from conformance.surgery.parts import flip_bits
 from scarfmt.container.file import Block, Container, write_container
-from scarfmt.container.schema import READABLE_KINDS, BlockFlag
+from scarfmt.container.schema import BlockFlag
 from scarfmt.container.source import BytesSource
 from scarfmt.errors import Malformed, Truncated, Unsupported
-from scarfmt.limits import FORMAT_LIMITS
 from scarfmt.tools import assemble
 from scarfmt.tools.truncate import truncate, truncate_to
 from tests.samples.codec_samples import refuses
-from tests.samples.container_samples import COUNTS, FIELDS, TILES, containers, sample_blocks, sample_file
-
-
-@given(containers(), st.data())
-def test_truncating_equals_writing_fewer_layers(arguments: tuple, data: st.DataObject) -> None:
-    """SPEC §14: truncate(encode(L layers), k) == encode(k layers), byte for byte, in steps as at once."""
-    fields, tiles, blocks, counts = arguments
-    blocks = [block for block in blocks if block.kind in READABLE_KINDS]
-    layers, page_bits = data.draw(st.integers(1, len(counts))), data.draw(st.integers(0, 3))
-    whole = write_container(fields, tiles, blocks, counts, page_bits)
-    kept = [block for block in blocks if block.layer <= layers]
-    fewer = write_container(fields, tiles, kept, counts[:layers], page_bits)
-    assert truncate(BytesSource(whole), layers, limits=FORMAT_LIMITS) == fewer
-    first, again = (truncate(BytesSource(file), 1, limits=FORMAT_LIMITS) for file in (whole, fewer))
-    assert first == again
+from tests.samples.container_samples import COUNTS, FIELDS, TILES, sample_blocks, sample_file
 
 
 def test_unknown_blocks_are_copied_only_when_that_is_safe() -> None:

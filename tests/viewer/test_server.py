@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import base64
 import gzip
 import http.client
+import io
 import os
 import threading
 from collections.abc import Iterator
@@ -11,11 +13,10 @@ from pathlib import Path
 from urllib.parse import quote
 
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from scarfmt.container.source import BytesSource, FileSource
 from scarfmt.errors import Truncated
+from scarfmt.viewer import embedded
 from scarfmt.viewer.offers import FileOffer, Offer, PageFile, SourceOffer, page_offers, scene_offer
 from scarfmt.viewer.server import ViewerServer, accepts_gzip, parse_range, serve
 from tests.samples.codec_samples import refuses
@@ -228,8 +229,14 @@ def test_a_range_is_read_as_the_rfc_says(header: str | None, part: tuple[int, in
     assert parse_range(header, 100) == part
 
 
-@given(st.integers(0, 1000), st.integers(0, 1200), st.integers(0, 1200))
-def test_a_range_lies_in_the_file(size: int, first: int, last: int) -> None:
-    """No byte outside the file is read, and none is left out."""
-    part = parse_range(f"bytes={first}-{last}", size)
-    assert part == (None if last < first else (first, min(last + 1, size)))
+def test_a_page_of_one_file_holds_the_scene_with_a_name_that_ends_nothing(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "embedded.html").write_bytes(b"<body><!--scene--></body>")
+    monkeypatch.setattr(embedded, "PAGE", tmp_path)
+    data, target = bytes(range(256)) * (1 << 14) + b"!", io.BytesIO()
+    size = embedded.write_page(BytesSource(data), '"><script>', target)
+    head, scene, tail = target.getvalue().partition(base64.b64encode(data))
+    assert (size, len(scene) > 0) == (len(target.getvalue()), True)
+    assert head == b'<body><script type="text/plain" id="scene" title="&quot;&gt;&lt;script&gt;">'
+    assert tail == b"</script></body>"

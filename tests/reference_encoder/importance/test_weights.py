@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from reference_encoder.importance.view_sampling import Views
-from reference_encoder.importance.weights import weigh_scene, weigh_unoccluded
+from reference_encoder.importance.weights import weigh_draft, weigh_scene, weigh_unoccluded
 from reference_encoder.tuning import FLOOR_DISTANCE, SURVEY_POWER
 from scarfmt.render.rasterise import contributions_by_view
 from scarfmt.render.viewpoints import Upright
@@ -38,12 +38,29 @@ def of_sizes_and_opacities() -> GaussianScene:
     return replace(random_scene(5, 4), log_scales=sizes, opacity_logits=np.float32([3, 3, -3, -20]))
 
 
+def assert_grown(weights: np.ndarray) -> None:
+    """Weights of those four grow with size and opacity."""
+    small, large, faint, transparent = weights
+    assert large == pytest.approx(4 * small, rel=0.05)
+    assert large > faint > transparent == 0
+
+
 def test_what_nobody_sees_weighs_the_floor() -> None:
     """Behind every view: the floor, which grows with opacity and size; transparent ones weigh nothing."""
     scene = of_sizes_and_opacities()
     hidden = replace(scene, positions=scene.positions * 0 - np.array([0, 0, 100.0]))
     found = weigh_scene(hidden, Views({"orbit": [small_camera()]}, {"orbit": 1.0}, 1.0, Upright("-y")))
     assert found.largest.max() == 0
-    small, large, faint, transparent = found.shape
-    assert large == pytest.approx(4 * small, rel=0.05)
-    assert large > faint > transparent == 0
+    assert_grown(found.shape)
+
+
+def test_weights_without_a_survey_grow_with_size_and_opacity() -> None:
+    found = weigh_draft(of_sizes_and_opacities(), Views({}, {}, 1.0, Upright("-y")))
+    assert (found.largest == 1).all()  # none counts as invisible where nobody has looked
+    assert_grown(found.shape)
+
+
+def test_a_part_weighs_what_it_weighs_in_the_whole() -> None:
+    scene = random_scene(5, 40)
+    whole, part = (weigh_draft(some, Views({}, {}, 1.0, Upright("-y"))) for some in (scene, scene.take(np.arange(10))))
+    np.testing.assert_array_equal(whole.colour[:10], part.colour)

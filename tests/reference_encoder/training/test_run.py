@@ -134,7 +134,7 @@ def test_the_same_scene_with_any_number_of_threads(capture: Capture, preset: str
     """Of more anchors than torch sums up by one thread."""
     points = np.random.default_rng(0).normal(size=(3000, 3)) * 0.4
     many, files = replace(capture, points=points), []
-    for threads in (1, 2, 4):
+    for threads in (1, 4):
         with reproducible(torch.device("cpu")):
             trainer = make_trainer(many, replace(OPTIONS, layers=2, preset=preset))
             torch.set_num_threads(threads)
@@ -143,7 +143,7 @@ def test_the_same_scene_with_any_number_of_threads(capture: Capture, preset: str
             trainer.finish()
             files.append(write_scene(trainer.quantise()))
         torch.set_num_threads(1)
-    assert files[0] == files[1] == files[2]
+    assert files[0] == files[1]
 
 
 def test_pictures_beside_their_photos_are_told_once_and_in_the_log(
