@@ -113,15 +113,17 @@ def _end_cleanly_on_signals() -> None:
             signal.signal(number, _terminate)
 
 
-_M_TRIM_THRESHOLD, _M_MMAP_THRESHOLD = -1, -3
+_M_TRIM_THRESHOLD, _M_MMAP_THRESHOLD, _M_ARENA_MAX = -1, -3, -8
 
 
 def _reuse_memory() -> None:
-    """Keep what arrays leave for the next ones: the system fills pages with zeros before it gives them (glibc only)."""
+    """Keep what arrays leave for the next ones, of any thread: the system fills pages with zeros before it gives them
+    (glibc only)."""
     with contextlib.suppress(AttributeError, OSError, TypeError):
         mallopt = ctypes.CDLL(None).mallopt
         mallopt(_M_MMAP_THRESHOLD, 1 << 25)
         mallopt(_M_TRIM_THRESHOLD, 1 << 29)
+        mallopt(_M_ARENA_MAX, 1)
 
 
 def main() -> None:
