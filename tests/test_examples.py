@@ -25,7 +25,6 @@ from scarfmt.container.schema import SIGNATURE, BlockKind
 from scarfmt.formats import load
 from scarfmt.formats.quantise import SH_C0
 from scarfmt.render.capture import load_cameras
-from scarfmt.render.rasterise import render
 from scarfmt.scene.gaussians import GaussianScene
 from scarfmt.scene.rotation import matrix_from_quaternion
 from tests.conftest import REPOSITORY
@@ -69,14 +68,6 @@ def test_the_encoder_does_not_know_the_views_it_is_judged_from() -> None:
     judged = {camera.name for camera in load_cameras(EXAMPLES / "plush-toys.views.json")}
     assert len(known) == len(judged) == 8
     assert not known & judged
-
-
-def test_the_cameras_look_at_the_toys() -> None:
-    """From a wrong pose the picture is black or fog: neither bright in the middle nor rich in contrast."""
-    camera = load_cameras(EXAMPLES / "plush-toys.views.json")[0]
-    middle = render(example(), camera)[90:270, 120:360]
-    assert float(middle.mean()) > 0.2
-    assert float(np.std(middle)) > 0.15
 
 
 def media_type() -> str:

@@ -15,7 +15,6 @@ import pytest
 from click.testing import CliRunner
 
 import scarfmt.cli
-from conformance.surgery.parts import flip_bits
 from scarfmt import __version__
 from scarfmt.cli import COMMANDS, load
 from scarfmt.cli.failures import FailureGroup, requires_extra
@@ -149,14 +148,6 @@ def test_reports_are_lines_or_a_document(explicit_scar: Path, ply: Path, tmp_pat
         assert [line for line in result.stderr.splitlines() if "warning" not in line] == []
     piped = run("truncate", explicit_scar, "-", "--layers", 1, "--json")
     assert (piped.exit_code, piped.stdout) == (2, "")
-
-
-def test_a_failure_on_the_way_leaves_nothing_behind(explicit_scar: Path, tmp_path: Path) -> None:
-    (tmp_path / "in").mkdir()
-    damaged = tmp_path / "in" / "damaged.scar"
-    damaged.write_bytes(flip_bits(explicit_scar.read_bytes(), -2))
-    assert run("truncate", damaged, tmp_path / "out.scar", "--layers", 3).exit_code == 1
-    assert [path.name for path in tmp_path.iterdir()] == ["in"]
 
 
 _INTERRUPTED = """

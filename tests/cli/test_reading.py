@@ -23,13 +23,6 @@ from tests.formats.scene_files import inria_ply
 from tests.samples.container_samples import FIELDS
 
 
-def test_inspect_prints_json_alone_on_stdout(explicit_scar: Path) -> None:
-    report = json.loads(run("inspect", explicit_scar, "--json", "--metadata").stdout)
-    assert report["layer_count"] == 3
-    assert report["file_bytes"] == explicit_scar.stat().st_size
-    assert "metadata" in report
-
-
 def test_inspect_reads_stdin_and_urls(explicit_scar: Path) -> None:
     direct = run("inspect", explicit_scar).stdout
     assert run("inspect", "-", input=explicit_scar.read_bytes()).stdout == direct

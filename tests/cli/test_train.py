@@ -15,7 +15,6 @@ import pytest
 import scarfmt
 from reference_encoder.training.capture import Capture
 from reference_encoder.training.options import LayerQuality, Progress, Suspended, Trained, TrainOptions, never
-from scarfmt.cli.train import _describe
 from scarfmt.errors import InvalidInput
 from tests.cli.conftest import python, run
 from tests.reference_encoder.training import captures
@@ -139,11 +138,6 @@ def test_a_slice_leaves_off_with_its_checkpoint_and_says_how_to_go_on(
     assert (folder / "checkpoint-00000005.pt").is_file()
     assert run(*said, 60).exit_code == 0
     assert (tmp_path / "a.scar").read_bytes() == trainer.data
-
-
-def test_progress_says_where_training_stands() -> None:
-    assert _describe(NOW) == "grow · 1,200/12,000 · 27.31 dB · 512 kB · 38,201 anchors"
-    assert _describe(Progress(0, 9, 0, 30.4, "warm up", None, None, 5, 5, 1.0)).endswith("0/9 · 5 anchors")
 
 
 _INTERRUPTED = """

@@ -196,14 +196,6 @@ def test_two_dimensional_gaussians_become_flat_disks() -> None:
     assert scene.description.render_model == RenderModel.TWO_DIMENSIONAL
 
 
-def test_not_finite_values_are_kept_for_a_later_check() -> None:
-    names = inria_names(0)
-    rows = np.zeros((2, len(names)))
-    rows[0, 0], rows[1, 5], rows[1, 6] = np.nan, 1e300, -np.inf
-    scene = read_scene(ply([("double", name) for name in names], rows))
-    assert scene.invalid_rows().all()
-
-
 @pytest.mark.parametrize("form", ["little", "ascii"])
 @pytest.mark.parametrize(("count", "error"), [(10**7, InvalidInput), (10**15, LimitExceeded)])
 def test_declared_count_is_checked_before_memory_is_allocated(form: str, count: int, error: type[Exception]) -> None:
