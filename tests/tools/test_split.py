@@ -15,7 +15,6 @@ from scarfmt.container.schema import BlockKind, Profile
 from scarfmt.container.source import BytesSource
 from scarfmt.tools.split import even_parts, split_to
 from scarfmt.tools.validate import validate
-from tests.samples.codec_samples import refuses
 
 
 @pytest.mark.parametrize("profile", [*Profile])
@@ -46,9 +45,3 @@ def test_even_parts_are_of_about_equal_size_and_none_is_empty() -> None:
         assert len(parts) == count
         assert min(map(len, parts)) > 0
         assert max(size[part].sum() for part in parts) <= size.sum() / count + size.max()
-
-
-@pytest.mark.parametrize("parts", [0, 10_000])
-def test_more_parts_than_tiles_are_refused(parts: int) -> None:
-    container = Container(BytesSource(write_scene(random_scene(5, Profile.EXPLICIT, tiles=8))))
-    refuses("input-parts", lambda: even_parts(container, parts), "the file has 8 tiles")

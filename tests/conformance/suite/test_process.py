@@ -141,11 +141,5 @@ def test_a_session_may_end_after_an_answer_and_is_started_again() -> None:
         time.sleep(1)
 
 
-def test_a_session_that_reads_nothing_is_stopped() -> None:
-    answer = session("exec sleep 300", 0.3).ask(ANY).answer
-    assert isinstance(answer, Fault)
-    assert answer.kind == "timeout"
-
-
 def test_a_session_that_ends_without_an_answer_fails_the_question() -> None:
     assert session("read line; exit 4").ask(ANY).answer == Fault("status", "ended without an answer (exit status 4)")
