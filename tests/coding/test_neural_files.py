@@ -20,7 +20,7 @@ from tests.samples.equality import same
 SUBSETS = st.sets(st.sampled_from(sorted(ALL_STREAMS)))
 
 
-@settings(max_examples=12)
+@settings(max_examples=6)
 @given(st.integers(0, 2**32 - 1), st.sampled_from(Profile), st.integers(1, MAX_COMPONENTS), st.booleans())
 @example(2, Profile.EXPLICIT, MAX_COMPONENTS, False)
 @example(5, Profile.ANCHOR, MAX_COMPONENTS, True)
@@ -33,7 +33,7 @@ def test_predictors_of_latents_are_the_same_everywhere(seed: int, profile: Profi
     assert all(map(np.array_equal, *both))
 
 
-@settings(max_examples=12)
+@settings(max_examples=6)
 @given(neural_scenes(max_anchors=40), SUBSETS)
 def test_what_contexts_need_is_decoded_with_what_is_asked_for(scene: QuantisedScene, wanted: set[Stream]) -> None:
     """A predictor of a late layer may look at what only an early one sends."""
