@@ -265,9 +265,11 @@ def finite(parts: Parts, title: str) -> Iterator[GaussianScene]:
         InvalidInput: ``output-range``: a value is NaN or infinite; ``output-empty``, at the end: there was none.
     """
     count = 0
-    for whole in parts:
-        part, _ = keep_edges(whole)
+    for part in parts:
         bad = part.invalid_rows()
+        if bad.any():
+            part, _ = keep_edges(part)
+            bad = part.invalid_rows()
         if bad.any():
             row = count + int(np.argmax(bad))
             message = f"Gaussian {row} holds NaN or infinite values, which {title} cannot; leave such Gaussians out"
